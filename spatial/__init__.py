@@ -1,0 +1,1 @@
+"""Poses, stamps, cameras and fixture solids: plain data every other package builds on."""

@@ -1,0 +1,1 @@
+"""Commands between operator and robot: what the robot side accepts, and when it holds."""

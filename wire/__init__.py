@@ -1,0 +1,1 @@
+"""Messages, keys, bus, clock and recordings: everything that leaves a process."""
