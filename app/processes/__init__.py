@@ -1,0 +1,1 @@
+"""One module per process; each reads its configuration from standard input."""
