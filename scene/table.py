@@ -58,6 +58,11 @@ class TableReader:
         self._key = key
         self._taken: dict[str, None] = {}
 
+    @property
+    def values(self) -> Mapping[str, Any]:
+        """The table as TOML gave it."""
+        return self._table
+
     def __contains__(self, name: str) -> bool:
         """Return whether the table has a key."""
         return name in self._table
