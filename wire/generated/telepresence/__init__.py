@@ -1,0 +1,1 @@
+"""Generated from wire/proto; do not edit."""

@@ -1,0 +1,1 @@
+"""Sources of the messages, and the script that compiles them."""
