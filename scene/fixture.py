@@ -1,4 +1,4 @@
-"""Fixtures: solids attached to an object that guide the tool, drawn from what is felt.
+"""Fixtures: solids attached to an object that guide the tool, drawn and felt from one shape.
 
     [[fixture]]
     name = "seat"
@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from scene.mesh import load_mesh
 from scene.table import TableReader
 from spatial.frames import Frame, Object
 from spatial.pose import Pose
@@ -34,6 +35,7 @@ from spatial.solids import (
     Box,
     Cylinder,
     Funnel,
+    MeshSolid,
     Plane,
     Solid,
     Tube,
@@ -139,10 +141,17 @@ def _tube(reader: TableReader) -> Solid:
     return Tube(smooth_line(reader.rows("points_m", 3)), reader.number("radius_m"))
 
 
+def _mesh(reader: TableReader) -> Solid:
+    mesh = load_mesh(reader.file("file"))
+    vertices, index = np.unique(mesh.vertices, axis=0, return_inverse=True)  # files split them
+    return MeshSolid(vertices, index.reshape(-1)[mesh.faces])
+
+
 _SOLIDS: dict[str, Callable[[TableReader], Solid]] = {
     "plane": _plane,
     "box": _box,
     "cylinder": _cylinder,
     "funnel": _funnel,
     "tube": _tube,
+    "mesh": _mesh,
 }

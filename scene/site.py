@@ -11,9 +11,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 from scene.mount import rigid_pose
+from scene.robot import Robot, load_robot
 from scene.table import TableReader, read_toml
+from scene.toml_lines import with_line
 from spatial.camera import PinholeCamera
-from spatial.errors import unknown
+from spatial.errors import FileInputError, unknown
 from spatial.frames import Cam, Frame
 from spatial.pose import Pose
 from spatial.stamp import NS_PER_MS
@@ -72,7 +74,7 @@ class SiteObject:
     camera: str
     """Name of the camera that carries it."""
     hierarchy: str
-    """`nested`: driven by the tcp, Eq. 1; `flat`: Eq. 4. Needs a camera at the tcp, or base."""
+    """`nested`: driven by the tcp, Eq. 1; `flat`: Eq. 4."""
     motion: str
     """`static` in w, `held` by the tool or `mobile`."""
 
@@ -122,7 +124,16 @@ def load_site(path: Path) -> Site:
         FileInputError: a value that is missing, unknown or of the wrong kind, or a file it names
             that does not exist; file, line or key, the expected and the available are named.
     """
-    reader = TableReader(read_toml(path), path=path)
+    table = read_toml(path)
+    try:
+        return _site(TableReader(table, path=path), path)
+    except FileInputError as error:
+        if error.path != path:
+            raise
+        raise with_line(error, path.read_text(encoding="utf-8")) from error
+
+
+def _site(reader: TableReader, path: Path) -> Site:
     _check_schema(reader)
     name = reader.text("name")
     robot = _path(reader, "robot", path=path)
@@ -204,8 +215,9 @@ def _limits(reader: TableReader) -> StateLimits:
 
 def _cameras(reader: TableReader, *, robot: Path) -> Mapping[str, SiteCamera]:
     cameras: dict[str, SiteCamera] = {}
+    model = load_robot(robot, visuals=False)
     for table in reader.tables("camera"):
-        camera = _camera(table, robot=robot)
+        camera = _camera(table, robot=model)
         if camera.name in cameras:
             table.fail("name", f"camera {camera.name!r} appears twice")
         cameras[camera.name] = camera
@@ -214,7 +226,7 @@ def _cameras(reader: TableReader, *, robot: Path) -> Mapping[str, SiteCamera]:
     return MappingProxyType(cameras)
 
 
-def _camera(reader: TableReader, *, robot: Path) -> SiteCamera:
+def _camera(reader: TableReader, *, robot: Robot) -> SiteCamera:
     name = reader.text("name")
     parent = reader.choice("parent", PARENTS)
     T_parent_cam: Pose[Frame, Cam]
