@@ -19,7 +19,7 @@ from pathlib import Path
 
 from scene.table import TableReader, read_toml
 from spatial.camera import PinholeCamera
-from spatial.frames import Base, Cam, Frame, Object, Tag, Tcp, W
+from spatial.frames import Cam, Frame, Object, Tag, W
 from spatial.pose import Pose
 
 WORLDS = Path(__file__).parent / "worlds"
@@ -142,7 +142,7 @@ class TrueCamera:
     """Intrinsics, distortion included."""
     parent: str
     """`tcp` or `base`."""
-    T_parent_cam: Pose[Tcp, Cam] | Pose[Base, Cam]
+    T_parent_cam: Pose[Frame, Cam]
     """Mount."""
 
 
