@@ -94,11 +94,8 @@ class SceneBuilder:
         for link in ("base", "tcp", "platform"):
             if link not in robot.links:
                 raise InputError(unknown("link", link, robot.links))
-        for entry in site.objects:
-            if entry.slug not in database.entries:
-                raise InputError(unknown("object", entry.slug, database.entries))
         self._site = site
-        self._database = database
+        self._revisions = {e.slug: database.entry(e.slug).revision for e in site.objects}
         self._arm = ArmHistory(robot, horizon_ns=site.limits.horizon_ns)
         self._tracks = {e.slug: _Track(e, e.hierarchy) for e in site.objects}
         self._motion: MotionSample | None = None
@@ -187,6 +184,18 @@ class SceneBuilder:
             robot_ms=None if joints_ns is None else (instant_ns - joints_ns) / NS_PER_MS,
         )
 
+    def camera_at(self, name: str, stamp_ns: int) -> Pose[Base, Cam] | None:
+        """Return where a camera was at an image's stamp, `None` before the first joint states.
+
+        Raises:
+            InputError: no such camera.
+        """
+        if name not in self._site.cameras:
+            raise InputError(unknown("camera", name, self._site.cameras))
+        if not self._is_placed(name):
+            return None
+        return self._camera(name, self._arm.links(stamp_ns))
+
     def _node(self, track: _Track, instant_ns: int, T_base_tcp: Pose[Base, Tcp]) -> ObjectNode:
         state, reason = self._state(track, instant_ns)
         if state in _SHOWN or track.T_base_object is None:
@@ -196,7 +205,7 @@ class SceneBuilder:
         said = track.said
         return ObjectNode(
             slug=track.site.slug,
-            revision=self._database.entries[track.site.slug].revision,
+            revision=self._revisions[track.site.slug],
             state=state,
             hierarchy=track.hierarchy,
             T_base_object=track.T_base_object,
