@@ -1,0 +1,1 @@
+"""Robots and objects that come with the program, and the scripts that make them."""

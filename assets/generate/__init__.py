@@ -1,0 +1,1 @@
+"""Makes the meshes and descriptions in `assets`; same code, same bytes."""
