@@ -10,7 +10,7 @@ import { PRESETS, View } from "./view.js";
 import { viserReady } from "./viser.js";
 import { Watchdog } from "./watchdog.js";
 
-const MARGIN = { top: 52, bottom: 68, left: 268, right: 12 };
+const MARGIN = { top: 52, bottom: 68, left: 304, right: 12 };
 const LAYERS = {
   KeyG: { name: "Raw poses", nodes: ["/site/raw"] },
   KeyF: { name: "Walls", pattern: /^\/site\/objects\/[^/]+\/walls$/ },

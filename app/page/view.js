@@ -7,6 +7,8 @@
 
 const MOVE_MS = 300;
 const FOV_DEG = 42;
+const NEAR_M = 0.01;
+const CUT_M = 0.03; // below the base of the arm
 const FLIP = [1, 0, 0, 0, 0, -1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1];
 
 export const PRESETS = [
@@ -52,8 +54,8 @@ export class View extends EventTarget {
     this.preset = preset;
     if (preset.from) this._lookFrom(preset.from);
     else if (id === "tool") this._pivotOn("/site/tool", null);
-    else if (id === "ride") this._pivotOn("/site/tool", null, true);
-    else if (id === "target") this._pivotOn(this._targetNode(), 0.75);
+    else if (id === "ride") this._pivotOn("/site/tool", null, { turn: true });
+    else if (id === "target") this._pivotOn(this._targetNode(), 0.8, { from: [0.7, -0.65, 0.6] });
     this._overlay.lock(preset.camera ?? null);
     this.dispatchEvent(new Event("change"));
     this.viser.requestRender();
@@ -147,20 +149,21 @@ export class View extends EventTarget {
       high.max(p);
     }
     if (points.length) centre.addVectors(low, high).multiplyScalar(0.5);
-    const radius = points.length ? Math.max(0.5, low.distanceTo(high) * 0.5 + 0.12) : 1.5;
+    const radius = points.length ? Math.max(0.5, low.distanceTo(high) * 0.58 + 0.1) : 1.5;
     const half = (FOV_DEG * Math.PI) / 360;
     const narrow = Math.min(1, viser.camera.aspect);
     const away = new viser.Vector3(...direction).normalize().transformDirection(this._root());
     this._place(away.multiplyScalar(radius / Math.sin(half) / narrow).add(centre), centre);
   }
 
-  /** Turn around a node and go where it goes; keep the direction of view. */
-  _pivotOn(name, distance, turn = false) {
+  /** Turn around a node and go where it goes; keep the direction of view unless one is given. */
+  _pivotOn(name, distance, { turn = false, from = null } = {}) {
     const { viser } = this;
     const pivot = viser.position(name);
     if (!pivot) return;
     const { position, target } = this._orbit();
     const away = position.sub(target);
+    if (from) away.set(...from).transformDirection(this._root());
     const length = distance ?? Math.min(Math.max(away.length(), 0.5), 1.6);
     this._place(away.setLength(length).add(pivot), pivot);
     const inverse = viser.node(name).matrixWorld.clone().invert();
@@ -201,6 +204,7 @@ export class View extends EventTarget {
       const carry = this._carrier();
       if (carry) matrix.premultiply(carry);
     }
+    camera.near = this._near(matrix);
     camera.updateProjectionMatrix();
     if (lock) this._project(camera.projectionMatrix, lock);
     matrix.decompose(this._now.position, this._now.quaternion, new viser.Vector3());
@@ -210,6 +214,19 @@ export class View extends EventTarget {
     camera.matrixWorld.copy(matrix);
     camera.matrixWorldInverse.copy(matrix).invert();
     camera.projectionMatrixInverse.copy(camera.projectionMatrix).invert();
+  }
+
+  /** Seen from above, the platform is cut away: it would hide all there is to see. */
+  _near(matrix) {
+    const { viser } = this;
+    const site = viser.node("/site");
+    if (this.preset.id !== "top" || this._blend || !site) return NEAR_M;
+    const ahead = new viser.Vector3(0, 0, -1).transformDirection(matrix);
+    const down = new viser.Vector3(0, 0, -1).transformDirection(this._root());
+    if (ahead.dot(down) < 0.9) return NEAR_M;
+    const origin = new viser.Vector3().setFromMatrixPosition(site.matrixWorld);
+    const eye = new viser.Vector3().setFromMatrixPosition(matrix);
+    return Math.max(NEAR_M, origin.sub(eye).dot(ahead) + CUT_M);
   }
 
   _mix(projection) {
