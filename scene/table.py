@@ -40,6 +40,8 @@ def read_toml(path: Path) -> dict[str, Any]:
         line = int(place.group(1)) if place else None
         message = _LINE.sub("", str(error)).strip()
         raise FileInputError(f"is not TOML: {message}", path=path, line=line) from error
+    except (ValueError, RecursionError) as error:  # endless digits, endless brackets
+        raise FileInputError(f"is not TOML: {error}", path=path) from error
 
 
 class TableReader:
