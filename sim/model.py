@@ -92,7 +92,7 @@ def build(
     _check(robot, entries, world, cameras)
     spec = _empty_spec(world)
     paints = Paints(spec)
-    add_scenery(spec, paints, world)
+    add_scenery(spec, world)
     platform = _add_crane(spec, world.crane)
     bodies = _add_robot(paints, robot, platform, world.crane)
     for name, camera in cameras.items():
@@ -174,8 +174,7 @@ def _add_robot(
     crane: Crane,
 ) -> dict[str, mujoco.MjsBody]:
     platform.name = f"robot/{robot.root}"
-    inertia = crane.platform_kg * np.array(_PLATFORM_RADII_M) ** 2
-    _weigh(platform, Inertial(crane.platform_kg, np.diag(inertia), Pose.identity()))
+    _weigh(platform, robot.inertials.get(robot.root) or _plain_platform(crane))
     bodies = {robot.root: platform}
     pending = list(robot.joints)
     moving = [joint.name for joint in _arm(robot)]
@@ -192,6 +191,12 @@ def _add_robot(
         if solid.link in tool:
             add_solids(bodies[solid.link], (solid,))
     return bodies
+
+
+def _plain_platform(crane: Crane) -> Inertial:
+    """Return the platform of a robot whose description does not weigh it."""
+    inertia = crane.platform_kg * np.array(_PLATFORM_RADII_M) ** 2
+    return Inertial(crane.platform_kg, np.diag(inertia), Pose.identity())
 
 
 def _add_link(

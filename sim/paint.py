@@ -64,14 +64,6 @@ class Paints:
         self._material(name, texture=name, specular=0.0, shininess=0.0)
         return name, name
 
-    def add_tile(self, name: str, pixels: NDArray[np.uint8], *, repeat: float) -> str:
-        """Add a matte material of an image (h, w, 3) RGB; return its name."""
-        self._texture(name, pixels)
-        material = self._material(name, texture=name, specular=0.0, shininess=0.0)
-        material.texrepeat = [repeat, repeat]
-        material.texuniform = False
-        return name
-
     def finish(self) -> None:
         """Add the palette, once every mesh is in."""
         rows = 1 << max(0, (len(self._colors) - 1) // _COLUMNS).bit_length()

@@ -70,6 +70,7 @@ class Plant:
             InputError: a placed object the database does not have, or links the robot lacks.
         """
         self.world = world
+        self.robot = robot
         self.cameras = {name: _nominal(site, name) for name in site.cameras} | dict(cameras or {})
         self.entries = {p.slug: database.entry(p.slug) for p in world.placements}
         self.site_model: SiteModel = build(

@@ -36,7 +36,7 @@ class PropFrame(Frame):
 class Crane:
     """Cable, rigging and platform: the double pendulum (masses are assumed, not published)."""
 
-    tip_m: float = 11.6
+    tip_m: float = 11.2
     """Height of the crane's tip above the ground [m]."""
     cable_m: float = 8.0
     """Crane cable, tip to crane hook [m]."""
@@ -45,7 +45,7 @@ class Crane:
     hook_kg: float = 3.0
     """Crane hook and shackle [kg]."""
     platform_kg: float = 45.0
-    """Platform with propellers and winches, without the arm [kg]."""
+    """Platform with propellers and winches, where the robot's description does not say [kg]."""
     arm_rad: tuple[float, ...] = (0.0, 0.6, 0.0, -1.4, 0.0, 1.1, 0.0)
     """Joint positions at the start (7,) [rad], in the order A1 A2 E1 A3 A4 A5 A6."""
 

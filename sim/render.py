@@ -1,0 +1,241 @@
+"""Camera images of the plant.
+
+Pixel u of the image plane is tied to the GL frustum by half-pixel borders (an integer is the
+middle of a pixel; the image spans -0.5 to W - 0.5):
+
+    left = -n (cx + 0.5) / fx,  right = n (W - 0.5 - cx) / fx,  top = n (cy + 0.5) / fy, ...
+
+`live` keeps wall pace: no shadow, no anti-aliasing, painted shadow strips. `lockstep` takes its
+time: shadow map, four samples per pixel, exposure by sub-frames, lens, gain and noise. Backends:
+EGL, OSMesa, and the painter of `sim.painter`, which needs no GL library.
+"""
+
+from __future__ import annotations
+
+import copy
+from types import TracebackType
+from typing import Protocol, Self
+
+import cv2
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.gl import PACKAGES, open_context, usable_backends
+from sim.lens import Lens, Sensor, expose
+from sim.picture import PaintedView
+from sim.plant import Plant, Snapshot
+from sim.scenery import LIVE_SHADE_GROUP, TRUE_SHADE_GROUP
+from spatial.camera import PinholeCamera
+from spatial.errors import InputError, MissingError, unknown
+
+Image = NDArray[np.uint8]
+
+QUALITIES = ("live", "lockstep")
+"""How much work goes into an image."""
+BACKENDS = (*PACKAGES, "painter")
+"""What can draw, best first."""
+NEAR_M, FAR_M = 0.03, 40.0
+"""Distances between which things are drawn [m]."""
+MOST_SUBFRAMES = 8
+"""Images averaged for an exposure, at most."""
+SUBFRAME_PX = 0.5
+"""A sub-frame per so many pixels of motion."""
+SHADOW_PX = 1024
+"""Size of the shadow map [px]."""
+
+_SCENE_GEOMS = 2000
+_TYPICAL_DISTANCE_M = 0.6
+
+
+class View(Protocol):
+    """Something that draws a configuration as a pinhole camera without distortion sees it."""
+
+    def draw(self, snapshot: Snapshot) -> Image:
+        """Return the image (H, W, 3) RGB."""
+
+    def close(self) -> None:
+        """Give everything back."""
+
+
+class Renderer:
+    """A camera of the plant; every call comes from the thread that made it."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        camera: str,
+        *,
+        quality: str = "live",
+        backend: str | None = None,
+        sensor: Sensor | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Set up a camera, with its true intrinsics and mount as the plant has them.
+
+        Args:
+            plant: what to draw.
+            camera: `hc`, `mako`, ...
+            quality: one of `QUALITIES`.
+            backend: one of `BACKENDS`; the best that works here when left out.
+            sensor: exposure and noise, in lock-step only.
+            seed: of the noise.
+
+        Raises:
+            InputError: an unknown camera, quality or backend.
+            MissingError: the backend asked for does not work here; the packages it needs.
+        """
+        for what, name, known in (
+            ("camera", camera, plant.cameras),
+            ("quality", quality, QUALITIES),
+            ("renderer", backend or BACKENDS[0], BACKENDS),
+        ):
+            if name not in known:
+                raise InputError(unknown(what, name, known))
+        self.backend = backend or (*usable_backends(), "painter")[0]
+        self.time_s = 0.0
+        self._plant = plant
+        self._camera = camera
+        self._careful = quality == "lockstep"
+        self._sensor = sensor or Sensor()
+        self._rng = np.random.default_rng((seed, len(camera), camera.encode()[0]))
+        self._lens = Lens(plant.cameras[camera].intrinsics)
+        self._view = self._open_view()
+
+    def render(self) -> Image:
+        """Return the image (H, W, 3) uint8 RGB of now; `time_s` is then its mid-exposure time."""
+        if not self._careful:
+            snapshot = self._plant.snapshot()
+            self.time_s = snapshot.time_s
+            return self._lens.bend(self._view.draw(snapshot))
+        snapshots = self._exposed()
+        self.time_s = (snapshots[0].time_s + snapshots[-1].time_s) / 2.0
+        light = np.zeros((self._lens.canvas.height, self._lens.canvas.width, 3), np.float32)
+        for snapshot in snapshots:
+            cv2.accumulate(self._view.draw(snapshot), light)
+        light /= np.float32(len(snapshots))
+        return expose(self._lens.bend(light), self._sensor, time_s=self.time_s, rng=self._rng)
+
+    def close(self) -> None:
+        """Give the context back."""
+        self._view.close()
+
+    def __enter__(self) -> Self:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close."""
+        self.close()
+
+    def _open_view(self) -> View:
+        if self.backend == "painter":
+            return PaintedView(self._plant, self._camera, canvas=self._lens.canvas)
+        return ClassicView(
+            self._plant,
+            self._camera,
+            canvas=self._lens.canvas,
+            backend=self.backend,
+            careful=self._careful,
+        )
+
+    def _exposed(self) -> list[Snapshot]:
+        """Return the configurations an exposure that ends now averages, evenly spread."""
+        history = self._plant.history()
+        start_s = history[-1].time_s - self._sensor.exposure_s - 1e-9
+        during = [snapshot for snapshot in history if snapshot.time_s >= start_s]
+        velocity, _ = self._plant.camera_twist(self._camera)
+        focal = self._lens.canvas.fx
+        speed_px = focal * float(
+            np.linalg.norm(velocity[:3]) / _TYPICAL_DISTANCE_M + np.linalg.norm(velocity[3:])
+        )
+        wanted = int(np.ceil(speed_px * self._sensor.exposure_s / SUBFRAME_PX)) + 1
+        count = min(max(2, wanted), MOST_SUBFRAMES, len(during))
+        return [during[i] for i in np.linspace(0, len(during) - 1, count).round().astype(int)]
+
+
+class ClassicView:
+    """MuJoCo's OpenGL renderer in a context of its own."""
+
+    def __init__(
+        self, plant: Plant, camera: str, *, canvas: PinholeCamera, backend: str, careful: bool
+    ) -> None:
+        """Open a context in this thread and load the model into it.
+
+        Raises:
+            MissingError: the backend does not work here.
+        """
+        site = plant.site_model
+        self._model = copy.copy(site.model)  # its size and quality are this view's own
+        self._data = mujoco.MjData(self._model)
+        self._site = site.camera_sites[camera]
+        self._canvas = canvas
+        quality = self._model.vis.quality
+        quality.offsamples = 4 if careful else 0
+        quality.shadowsize = SHADOW_PX if careful else 0
+        offscreen = self._model.vis.global_
+        offscreen.offwidth, offscreen.offheight = canvas.width, canvas.height
+        self._context = open_context(backend, width=canvas.width, height=canvas.height)
+        self._context.make_current()
+        try:
+            self._gl = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        except mujoco.FatalError as error:
+            self._context.free()
+            raise MissingError(f"{backend} cannot draw here: {error}") from error
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gl)
+        self._scene = mujoco.MjvScene(self._model, maxgeom=_SCENE_GEOMS)
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = careful
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        self._option = mujoco.MjvOption()
+        self._option.geomgroup[TRUE_SHADE_GROUP if careful else LIVE_SHADE_GROUP] = 1
+        self._free_camera = mujoco.MjvCamera()
+        self._rect = mujoco.MjrRect(0, 0, canvas.width, canvas.height)
+        self._rows = np.zeros((canvas.height, canvas.width, 3), np.uint8)
+
+    def draw(self, snapshot: Snapshot) -> Image:
+        """Return the image (H, W, 3) RGB."""
+        data = self._data
+        data.qpos[:] = snapshot.qpos
+        mujoco.mj_kinematics(self._model, data)
+        mujoco.mj_camlight(self._model, data)
+        mujoco.mjv_updateScene(
+            self._model,
+            data,
+            self._option,
+            None,
+            self._free_camera,
+            mujoco.mjtCatBit.mjCAT_ALL,
+            self._scene,
+        )
+        self._aim()
+        self._context.make_current()
+        mujoco.mjr_render(self._rect, self._scene, self._gl)
+        mujoco.mjr_readPixels(self._rows, None, self._rect, self._gl)
+        return np.asarray(cv2.flip(self._rows, 0), dtype=np.uint8)
+
+    def close(self) -> None:
+        """Free the context; a second call does nothing."""
+        if self._gl is not None:
+            self._context.make_current()
+            self._gl.free()
+            self._gl = None
+            self._context.free()
+
+    def _aim(self) -> None:
+        """Put the frustum of both GL cameras (mono averages them) where the canvas is."""
+        c = self._canvas
+        R_w_cam = self._data.site_xmat[self._site].reshape(3, 3)
+        for camera in self._scene.camera:
+            camera.pos = self._data.site_xpos[self._site]
+            camera.forward = R_w_cam[:, 2]
+            camera.up = -R_w_cam[:, 1]
+            camera.frustum_near, camera.frustum_far = NEAR_M, FAR_M
+            camera.frustum_width = NEAR_M * c.width / 2.0 / c.fx
+            camera.frustum_center = NEAR_M * ((c.width - 1.0) / 2.0 - c.cx) / c.fx
+            camera.frustum_top = NEAR_M * (c.cy + 0.5) / c.fy
+            camera.frustum_bottom = -NEAR_M * (c.height - 0.5 - c.cy) / c.fy
