@@ -22,7 +22,7 @@ translation_m = [0, 0, 0.1]         # T_object_marker: x right, y up, z out of t
 quaternion_wxyz = [1, 0, 0, 0]
 target = true
 
-[[frame]]                           # grasp | axis | seat | tip | place
+[[frame]]                           # grasp | approach | axis | seat | tip | place
 name = "tip"
 kind = "tip"
 
@@ -39,7 +39,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from scene.fixture import Fixture, parse_fixture
+from scene.marker_image import DICTIONARIES, family_size
 from scene.mesh import MeshData, load_mesh
 from scene.table import TableReader, read_toml
 from scene.toml_lines import with_line
@@ -50,8 +53,9 @@ from spatial.pose import Pose
 from spatial.rotation import Array
 
 MAX_TOML_BYTES = 1_000_000
+UNITS = ("m", "cm", "mm", "in")
 MOTIONS = ("static", "held", "mobile")
-FRAME_KINDS = ("grasp", "axis", "seat", "tip", "place")
+FRAME_KINDS = ("grasp", "approach", "axis", "seat", "tip", "place")
 SLUG = re.compile(r"[a-z][a-z0-9_-]{0,62}")
 DEFAULT_COLOR = (180, 184, 190)
 
@@ -63,7 +67,7 @@ class NamedFrame:
     name: str
     """Unique within the object."""
     kind: str
-    """`grasp`, `axis`, `seat`, `tip` or `place`."""
+    """`grasp`, `approach`, `axis`, `seat`, `tip` or `place`."""
     T_object_frame: Pose[Object, Frame]
     """Its pose in the object."""
 
@@ -102,6 +106,10 @@ class ObjectEntry:
     """Named frames."""
     fixtures: tuple[Fixture, ...]
     """Guiding shapes attached to it."""
+    diameter_m: float | None
+    """Largest distance of two of its points [m]; `None` if not given."""
+    symmetry_axis: Array | None
+    """Axis (3,) of rotational symmetry of the shape without its markers; `None` without one."""
 
     @property
     def extents_m(self) -> Array:
@@ -170,6 +178,8 @@ def _entry(raw: Mapping[str, Any], folder: Path, text: str) -> ObjectEntry:
     mesh_path = mesh_table.file("file")
     mesh_table.finish()
     color, opacity = _appearance(reader.table("appearance", optional=True))
+    diameter, axis = _symmetry(reader.table("symmetry", optional=True))
+    reader.choice("units_of_source", UNITS, default="m")
     markers, target = _markers(reader)
     frames = _frames(reader)
     fixtures = _fixtures(reader, raw.get("fixture", []), frames, path=folder / "object.toml")
@@ -191,6 +201,8 @@ def _entry(raw: Mapping[str, Any], folder: Path, text: str) -> ObjectEntry:
         target=target,
         frames=frames,
         fixtures=fixtures,
+        diameter_m=diameter,
+        symmetry_axis=axis,
     )
 
 
@@ -205,13 +217,30 @@ def _appearance(table: TableReader) -> tuple[tuple[int, int, int], float]:
     return (round(r), round(g), round(b)), opacity
 
 
+def _symmetry(table: TableReader) -> tuple[float | None, Array | None]:
+    diameter = table.number("diameter_m", above=0.0) if "diameter_m" in table else None
+    axis = None
+    if "continuous_axis" in table:
+        axis = np.array(table.numbers("continuous_axis", 3))
+        if (length := float(np.linalg.norm(axis))) < 1e-6:
+            table.fail("continuous_axis", f"continuous_axis {axis.tolist()} has no direction")
+        axis /= length
+    table.finish()
+    return diameter, axis
+
+
 def _markers(reader: TableReader) -> tuple[tuple[Marker, ...], tuple[str, int] | None]:
     markers: list[Marker] = []
     targets: list[tuple[str, int]] = []
     for table in reader.tables("marker"):
+        family = table.choice("family", FAMILIES)
+        number = table.whole("id", least=0)
+        if family in DICTIONARIES and number >= family_size(family):
+            last = family_size(family) - 1
+            table.fail("id", f"id {number} is not in {family}, which has 0 to {last}")
         marker = Marker(
-            family=table.choice("family", FAMILIES),
-            id=table.whole("id", least=0),
+            family=family,
+            id=number,
             size_m=table.number("size_m", above=0.0),
             T_object_marker=table.pose(),
         )

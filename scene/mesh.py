@@ -7,6 +7,7 @@ arrays, so that no byte of a foreign file ever reaches a browser.
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,15 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from scene.mesh_check import FORMATS, MAX_FACES, MAX_PARTS, check_bytes, check_image, read_bytes
+from scene.mesh_check import (
+    FORMATS,
+    MAX_FACES,
+    MAX_PARTS,
+    base_colors,
+    check_bytes,
+    check_image,
+    read_bytes,
+)
 from spatial.errors import FileInputError, unknown
 from spatial.rotation import Array
 
@@ -140,7 +149,7 @@ def load_mesh(path: Path) -> MeshData:
     check_bytes(data, kind, path=path)
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
-        parts = _parts(scene, path=path)
+        parts = _parts(scene, base_colors(data) if kind == "glb" else {}, path=path)
     except FileInputError:
         raise
     except (Exception, RecursionError, MemoryError) as error:
@@ -176,7 +185,7 @@ def _primitive(mesh: trimesh.Trimesh) -> MeshData:
     return MeshData.of((part,))
 
 
-def _parts(scene: trimesh.Scene, *, path: Path) -> tuple[MeshPart, ...]:
+def _parts(scene: Any, colors: Mapping[str, list[float]], *, path: Path) -> tuple[MeshPart, ...]:
     nodes = sorted(scene.graph.nodes_geometry)
     if len(nodes) > MAX_PARTS:
         raise FileInputError(f"has {len(nodes)} parts; at most {MAX_PARTS}", path=path)
@@ -189,11 +198,20 @@ def _parts(scene: trimesh.Scene, *, path: Path) -> tuple[MeshPart, ...]:
             total += len(geometry.faces)
             if total > MAX_FACES:
                 raise FileInputError(f"has over {MAX_FACES} triangles", path=path)
-            parts.append(_part(geometry, np.asarray(T_mesh_part), name=str(name), path=path))
+            parts.append(
+                _part(geometry, np.asarray(T_mesh_part), colors, name=str(name), path=path)
+            )
     return tuple(parts)
 
 
-def _part(geometry: Any, T_mesh_part: Array, *, name: str, path: Path) -> MeshPart:
+def _part(
+    geometry: Any,
+    T_mesh_part: Array,
+    linear: Mapping[str, list[float]],
+    *,
+    name: str,
+    path: Path,
+) -> MeshPart:
     faces = np.array(geometry.faces, dtype=np.int64)
     vertices = (
         np.array(geometry.vertices, dtype=np.float64) @ T_mesh_part[:3, :3].T + T_mesh_part[:3, 3]
@@ -205,7 +223,7 @@ def _part(geometry: Any, T_mesh_part: Array, *, name: str, path: Path) -> MeshPa
         raise FileInputError(message, path=path)
     if np.linalg.det(T_mesh_part[:3, :3]) < 0:
         faces = faces[:, ::-1].copy()
-    material, uv, colors = _look(geometry, path=path)
+    material, uv, colors = _look(geometry, linear, path=path)
     return MeshPart(
         name,
         _frozen(vertices),
@@ -227,23 +245,21 @@ def _normals(geometry: Any, T_mesh_part: Array) -> Array | None:
     return _frozen(normals / length)
 
 
-def _look(geometry: Any, *, path: Path) -> tuple[Material, Array | None, Bytes | None]:
+def _look(
+    geometry: Any, linear: Mapping[str, list[float]], *, path: Path
+) -> tuple[Material, Array | None, Bytes | None]:
     visual = geometry.visual
     if visual.kind == "texture":
         given = visual.material
-        color = tuple(int(c) for c in np.asarray(given.main_color).ravel()[:4])
         texture = _texture(given, path=path)
         uv = None if texture is None or visual.uv is None else np.array(visual.uv, np.float64)
-        if uv is not None and (
-            uv.shape != (len(geometry.vertices), 2) or not np.isfinite(uv).all()
-        ):
+        count = len(geometry.vertices)
+        if uv is not None and (uv.shape != (count, 2) or not np.isfinite(uv).all()):
             uv = None
-        metallic = getattr(given, "metallicFactor", None)
-        roughness = getattr(given, "roughnessFactor", None)
         material = Material(
-            color=color if len(color) == 4 else GREY,
-            metallic=_unit(metallic, default=0.0),
-            roughness=_unit(roughness, default=0.6),
+            color=_base_color(given, linear),
+            metallic=_unit(getattr(given, "metallicFactor", None), default=0.0),
+            roughness=_unit(getattr(given, "roughnessFactor", None), default=0.6),
             texture=texture if uv is not None else None,
         )
         return material, uv, None
@@ -251,6 +267,23 @@ def _look(geometry: Any, *, path: Path) -> tuple[Material, Array | None, Bytes |
         colors = np.array(visual.face_colors, dtype=np.uint8)
         return Material(), None, _frozen(colors) if len(colors) == len(geometry.faces) else None
     return Material(), None, None
+
+
+def _base_color(material: Any, linear: Mapping[str, list[float]]) -> tuple[int, int, int, int]:
+    factor = linear.get(str(material.name))
+    color = np.asarray(material.main_color).ravel()[:4] if factor is None else srgb(factor)
+    if len(color) != 4:
+        return GREY
+    r, g, b, a = (int(c) for c in color)
+    return r, g, b, a
+
+
+def srgb(factor: list[float]) -> Bytes:
+    """Return the sRGB colour RGBA (4,) of 0 to 255 of a linear one of 0 to 1."""
+    values = np.clip(np.asarray(factor, dtype=np.float64), 0.0, 1.0)
+    low = values[:3] <= 0.0031308
+    values[:3] = np.where(low, 12.92 * values[:3], 1.055 * values[:3] ** (1 / 2.4) - 0.055)
+    return np.rint(255.0 * values).astype(np.uint8)
 
 
 def _texture(material: Any, *, path: Path) -> Bytes | None:

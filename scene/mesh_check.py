@@ -125,7 +125,29 @@ def _check_dae(data: bytes) -> None:
     _check_text(data)
 
 
+def base_colors(data: bytes) -> dict[str, list[float]]:
+    """Return the linear base colour factors of a checked GLB by the name of the material.
+
+    The parser rounds them to 8 bits before the turn to sRGB, which shifts dark colours.
+    """
+    colors = {}
+    for material in _list(_glb_tree(data), "materials"):
+        pbr = material.get("pbrMetallicRoughness", {})
+        factor = pbr.get("baseColorFactor", [1, 1, 1, 1]) if isinstance(pbr, dict) else None
+        if not isinstance(factor, list) or len(factor) != 4:
+            continue
+        if all(isinstance(v, int | float) for v in factor) and np.isfinite(factor).all():
+            colors[str(material.get("name", ""))] = [float(v) for v in factor]
+    return colors
+
+
 def _check_glb(data: bytes) -> None:
+    tree = _glb_tree(data)
+    _check_claims(tree, len(data))
+    _check_nodes(_list(tree, "nodes"))
+
+
+def _glb_tree(data: bytes) -> dict[str, Any]:
     if len(data) < 20 or data[:4] != b"glTF":
         raise _BadMeshError(f"starts with {data[:4]!r}; expected b'glTF'")
     version, length, json_length, json_kind = struct.unpack_from("<IIII", data, 4)
@@ -139,8 +161,7 @@ def _check_glb(data: bytes) -> None:
         raise _BadMeshError(f"its JSON: {error}") from error
     if not isinstance(tree, dict):
         raise _BadMeshError("its JSON is not an object")
-    _check_claims(tree, len(data))
-    _check_nodes(_list(tree, "nodes"))
+    return tree
 
 
 def _check_claims(tree: dict[str, Any], size: int) -> None:

@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
-from assets.generate import robot
+from assets.generate import objects, robot
 
 ASSETS = Path(__file__).parents[1]
 
 
 def main() -> None:
-    """Write robots and objects."""
+    """Write robots and objects, each with the licence of the project."""
     robot.make(ASSETS / "robots" / "sam")
+    objects.make(ASSETS / "objects")
+    licence = ASSETS.parent / "LICENSE"
+    for folder in (ASSETS / "robots" / "sam", *sorted((ASSETS / "objects").iterdir())):
+        shutil.copyfile(licence, folder / "LICENSE")
 
 
-main()
+if __name__ == "__main__":
+    main()
