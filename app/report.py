@@ -9,6 +9,8 @@ from typing import Any
 import click
 import numpy as np
 
+from spatial.pose import Pose
+
 MAX_JSON_BYTES = 64 * 1024
 
 
@@ -25,6 +27,14 @@ def print_json(report: dict[str, Any]) -> None:
     text = json.dumps(_plain(report), allow_nan=False, separators=(", ", ": "))
     assert len(text) < MAX_JSON_BYTES, "long lists belong into --out"
     click.echo(text)
+
+
+def pose_json(pose: Pose[Any, Any]) -> dict[str, list[float]]:
+    """Return a pose as the commands' JSON writes it."""
+    return {
+        "translation_m": pose.translation.tolist(),
+        "quaternion_wxyz": pose.quaternion_wxyz.tolist(),
+    }
 
 
 def _plain(value: Any) -> Any:

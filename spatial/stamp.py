@@ -97,8 +97,8 @@ class StampedBuffer(Generic[T]):
     def copy(self) -> StampedBuffer[T]:
         """Return a buffer of its own with the same values, for a reader in another thread."""
         twin: StampedBuffer[T] = StampedBuffer(name=self._name, span_ns=self._span_ns)
-        twin._stamps = self._stamps.copy()  # noqa: SLF001 - its own class
-        twin._values = self._values.copy()  # noqa: SLF001 - its own class
+        twin._stamps = self._stamps.copy()
+        twin._values = self._values.copy()
         return twin
 
     def clear(self) -> None:
