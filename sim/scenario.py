@@ -90,6 +90,11 @@ class Scenario:
     streams: Mapping[str, StreamDelay] = field(default_factory=lambda: dict(STREAMS))
     """Delay, jitter and loss by stream."""
 
+    @property
+    def motion_delay_ms(self) -> float:
+        """Mean delay of the odometry [ms]: `simulated_motion_delay_ms` of `demo`."""
+        return self.streams["vio"].delay_ms
+
     def with_delays(self, overrides: Mapping[str, float]) -> Scenario:
         """Return the scenario with other mean delays [ms] by stream.
 

@@ -22,6 +22,7 @@ from spatial.frames import Cam, Frame, Object, Tag, W
 from spatial.marker import MarkedObject
 from spatial.pose import Pose, interpolate
 from spatial.rotation import Array
+from wire.codec import Encoded, decode_named_poses, encode_named_poses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,6 +46,22 @@ def T_cam_object_of(sample: TruthSample, *, camera: str, slug: str) -> Pose[Cam,
     if T_w_cam is None or T_w_object is None:
         return None
     return Pose((T_w_cam.inverse() @ T_w_object).matrix)
+
+
+def encode_truth(sample: TruthSample) -> Encoded:
+    """Encode true poses."""
+    poses = {name: (T.translation, T.quaternion_wxyz) for name, T in sample.Ts_w.items()}
+    return encode_named_poses(sample.stamp_ns, poses)
+
+
+def decode_truth(payload: bytes) -> TruthSample:
+    """Decode true poses.
+
+    Raises:
+        MessageError: bytes that are no true poses.
+    """
+    stamp_ns, poses = decode_named_poses(payload)
+    return TruthSample(stamp_ns, {name: Pose.parse(*pose) for name, pose in poses.items()})
 
 
 def blend(older: TruthSample, younger: TruthSample, share: float) -> TruthSample:

@@ -1,0 +1,139 @@
+"""The cameras of a live site: one thread draws them all, because the GL context is its own.
+
+A camera that exposes leaves a mark; the thread takes marks one by one, the camera on the tool
+first. A mark that is still there at the next exposure is a frame that this machine had no time
+for: it is skipped and counted, and the other cameras are the first to miss theirs.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import ExitStack
+
+from sim.outlet import Outlet
+from sim.plant import Plant
+from sim.render import Renderer
+from sim.rig import Staging
+from sim.video import VideoEncoder, image_sample
+from spatial.samples import ImageSample
+from wire.codec import encode
+
+PATIENCE = 8
+"""After so many frames of the first camera in a row, a waiting other one has its turn."""
+_WAIT_S = 0.1
+
+
+class CameraThread:
+    """Draws, compresses and hands to the outlet whatever cameras have exposed."""
+
+    def __init__(
+        self,
+        plant: Plant,
+        *,
+        staging: Staging,
+        rates_hz: Mapping[str, float],
+        backend: str | None,
+        stamp_of: Callable[[float], int],
+        outlet: Outlet,
+    ) -> None:
+        """Prepare; the renderers are made in the thread.
+
+        Args:
+            plant: what is drawn.
+            staging: names, keys and video budget.
+            rates_hz: frame rate by camera [Hz].
+            backend: renderer, `None` for the best that works here.
+            stamp_of: stamp [ns] of a time since the start [s].
+            outlet: where images and video leave.
+        """
+        self._plant = plant
+        self._staging = staging
+        self._backend = backend
+        self._stamp_of = stamp_of
+        self._outlet = outlet
+        site = staging.site
+        first = site.vio_camera
+        self._order = (first, *(name for name in rates_hz if name != first))
+        total_hz = sum(rates_hz.values())
+        self._videos = {
+            name: VideoEncoder(camera=name, bit_s=site.video_bit_s * rate / total_hz, rate_hz=rate)
+            for name, rate in rates_hz.items()
+        }
+        self._exposed: set[str] = set()
+        self._change = threading.Condition()
+        self._drawn: Counter[str] = Counter()
+        self._in_a_row = 0
+        self.skipped: Counter[str] = Counter()
+        self.renderer = ""
+
+    def expose(self, cameras: Iterable[str]) -> None:
+        """Mark cameras that expose now."""
+        names = set(cameras)
+        if not names:
+            return
+        with self._change:
+            self.skipped.update(names & self._exposed)
+            self._exposed |= names
+            self._change.notify()
+
+    def run(self, ended: threading.Event) -> None:
+        """Draw until `ended` is set.
+
+        Raises:
+            MissingError: the renderer asked for does not work here.
+        """
+        with ExitStack() as stack:
+            renderers = {
+                name: stack.enter_context(
+                    Renderer(self._plant, name, quality="live", backend=self._backend)
+                )
+                for name in self._order
+            }
+            self.renderer = next(iter(renderers.values())).backend
+            while not ended.is_set():
+                name = self._next()
+                if name is not None:
+                    self._draw(name, renderers[name])
+
+    def rates(self, lasted_s: float) -> dict[str, float]:
+        """Return frames per second [Hz] by camera since the last call, `lasted_s` [s] ago."""
+        with self._change:
+            rates = {name: self._drawn[name] / lasted_s for name in self._order}
+            self._drawn.clear()
+        return rates
+
+    def _next(self) -> str | None:
+        with self._change:
+            if not self._exposed:
+                self._change.wait(_WAIT_S)
+            waiting = [name for name in self._order if name in self._exposed]
+            if not waiting:
+                return None
+            late = self._in_a_row >= PATIENCE and len(waiting) > 1
+            name = waiting[1] if late else waiting[0]
+            self._in_a_row = self._in_a_row + 1 if name == self._order[0] else 0
+            self._exposed.discard(name)
+        return name
+
+    def _draw(self, name: str, renderer: Renderer) -> None:
+        picture = renderer.render()
+        stamp_ns = self._stamp_of(renderer.time_s)
+        keys = self._staging.keys
+        image = image_sample(picture, camera=name, stamp_ns=stamp_ns)
+        self._put("image", keys.image(name), image)
+        video = self._videos[name].encode(picture, stamp_ns=stamp_ns)
+        self._put("video", keys.video(name), video)
+        with self._change:
+            self._drawn[name] += 1
+
+    def _put(self, stream: str, key: str, image: ImageSample) -> None:
+        message = encode(image)
+        self._outlet.put(
+            stream,
+            key=key,
+            payload=message.payload,
+            schema=message.schema,
+            captured_ns=image.stamp_ns,
+        )
