@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 import json
 import struct
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -109,7 +108,7 @@ class Spectator:
         self._ids = itertools.count(1)
         self._status: str | None = None
         self._next_status_s = 0.0
-        self._turn: deque[str] = deque()
+        self._served: dict[str, int] = {}
 
     def hear(self, text: str | bytes, *, now_s: float, cameras: frozenset[str]) -> None:
         """Take a message of the tab: `subscribe` or `ack`; anything else is counted and dropped."""
@@ -155,15 +154,13 @@ class Spectator:
         self._forget(now_s)
         if not self._pending or not self._room():
             return None
-        camera = next((c for c in self._turn if c in self._pending), next(iter(self._pending)))
+        camera = min(self._pending, key=lambda name: self._served.get(name, 0))
         frame = self._pending.pop(camera)
-        if camera in self._turn:
-            self._turn.remove(camera)
-        self._turn.append(camera)
         missed = max(0, frame.number - self._last_sent.get(camera, frame.number - 1) - 1)
         self._last_sent[camera] = frame.number
         self.sent[camera] = self.sent.get(camera, 0) + 1
         sent_id = next(self._ids)
+        self._served[camera] = sent_id
         message = frame.message(sent_id=sent_id, dropped=missed)
         self._flights[sent_id] = _Flight(len(message), now_s)
         return message

@@ -8,6 +8,7 @@ from __future__ import annotations
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -98,19 +99,22 @@ class FakeScene:
         """Return the state at a time [s] after the start."""
         self.tick += 1
         phase = 0.0 if self.still else seconds
-        joints = {name: q + 0.25 * np.sin(0.7 * phase + i) for i, (name, q) in enumerate(REST.items())}
+        joints = {
+            name: q + 0.25 * np.sin(0.7 * phase + i) for i, (name, q) in enumerate(REST.items())
+        }
         Ts_root_link = self.robot.fk(joints)
-        T_base_root = Ts_root_link["base"].inverse()
-        Ts: dict[str, Pose[Base, Frame]] = {n: T_base_root @ T for n, T in Ts_root_link.items()}  # type: ignore[misc]  # root and base are both Base here
-        tilt: Pose[Frame, Frame] = Pose.exp((0, 0, 0, 0.02 * np.sin(phase), 0.02 * np.cos(phase), 0))
+        # Links are known by name only; which frame each stands for is not in its type.
+        T_base_root: Any = Ts_root_link["base"].inverse()
+        Ts_base: dict[str, Any] = {name: T_base_root @ T for name, T in Ts_root_link.items()}
+        tilt: Any = Pose.exp((0, 0, 0, 0.02 * np.sin(phase), 0.02 * np.cos(phase), 0))
         return SceneState(
             instant_ns=START_NS + int(seconds * 1e9),
             tick=self.tick,
-            Ts_base_link=Ts,
-            T_base_tcp=Ts["tcp"],  # type: ignore[arg-type]  # the link named so
-            T_base_platform=Ts["platform"],  # type: ignore[arg-type]  # the link named so
-            T_base_w=Ts["platform"] @ tilt,  # type: ignore[arg-type]  # up is up
-            Ts_base_cam={name: Ts[name] for name in CAMERAS},  # type: ignore[misc]  # links named so
+            Ts_base_link=Ts_base,
+            T_base_tcp=Ts_base["tcp"],
+            T_base_platform=Ts_base["platform"],
+            T_base_w=Ts_base["platform"] @ tilt,
+            Ts_base_cam={name: Ts_base[name] for name in CAMERAS},
             objects=tuple(self._object(slug, phase) for slug in self.states),
             robot_ms=6.0,
         )
@@ -118,8 +122,8 @@ class FakeScene:
     def _object(self, slug: str, phase: float) -> ObjectNode:
         pose: Pose[Base, Object] = Pose.translated(*PLACES[slug])
         if slug == "peg":
-            turn = Pose.translated(0.03 * np.cos(phase), 0.03 * np.sin(phase), 0.0)
-            pose = pose @ turn  # type: ignore[operator]  # a small move of the object
+            x, y, z = PLACES[slug]
+            pose = Pose.translated(x + 0.03 * np.cos(phase), y + 0.03 * np.sin(phase), z)
         state = self.states[slug]
         seen = {"tracked": 48.0, "bridged": 2400.0, "stale": 7300.0, "lost": 61_000.0}
         raw: Pose[Base, Object] = pose @ Pose.translated(0.012, -0.008, 0.0)
@@ -177,9 +181,7 @@ class FakeStation:
         """Show the state at a time, with its status."""
         state = self.scene.at(seconds)
         self.stage.show(state)
-        status = status_of(
-            state, site="sam", target="plate", names=self.names, replay=replay
-        )
+        status = status_of(state, site="sam", target="plate", names=self.names, replay=replay)
         self.live.offer_status({**status, "video": self.live.video_figures()})
         return state
 
@@ -189,12 +191,12 @@ class FakeStation:
         before = self.scene.at(then)
         self.scene.tick -= 1
         for camera in CAMERAS:
-            T: Pose[Base, Cam] = before.Ts_base_cam[camera]
+            T_base_cam: Pose[Base, Cam] = before.Ts_base_cam[camera]
             self.live.offer_frame(
                 camera,
                 stamp_ns=before.instant_ns,
                 jpeg=picture(camera, then, self.scene),
-                T_base_cam=T,
+                T_base_cam=T_base_cam,
             )
 
     def run(self, duration_s: float = 1e9, *, hz: float = 30.0, film_hz: float = 12.0) -> None:
