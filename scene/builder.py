@@ -11,7 +11,7 @@ its own in the tool: its pose in the tcp is kept, and Eq. 1 gives the rest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -33,7 +33,6 @@ FARTHEST_M = 1000.0
 """A pose farther away than this is not a pose [m]."""
 FUTURE_NS = NS_PER_S
 """A sample this far ahead of T* belongs to another time: replay went back [ns]."""
-_NO_COVARIANCE = np.zeros((3, 3))
 _SHOWN = (TrackState.TRACKED, TrackState.BRIDGED)
 
 
@@ -73,7 +72,7 @@ class _Track:
     """Newest measured pose."""
     raw_ns: int = 0
     """Capture stamp of that [ns]."""
-    covariance_base: Array = _NO_COVARIANCE
+    covariance_base: Array = field(default_factory=lambda: np.zeros((3, 3)))
     """Covariance (3, 3) of the last pose shown [m^2]."""
 
 
