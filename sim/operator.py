@@ -20,7 +20,7 @@ from sim.hand import Hand, HandModel
 from sim.plan import PLANS, goal
 from sim.rig import TOOL_COMMAND
 from spatial.errors import InputError, MessageError, unknown
-from spatial.frames import Base, Object, Tcp
+from spatial.frames import Base, Tcp
 from spatial.pose import Pose
 from spatial.samples import ToolCommand
 from spatial.stamp import NS_PER_MS, Clock, seconds
@@ -34,8 +34,6 @@ PERIOD_NS = 20 * NS_PER_MS
 """Commands are sent at 50 Hz [ns]."""
 TTL_NS = 300 * NS_PER_MS
 """Time to live of a command [ns]."""
-GRASP = "grasp"
-"""Named frame of the target the hook goes to."""
 _CAPACITY = 16
 
 T = TypeVar("T")
@@ -81,8 +79,7 @@ class Operator:
         self._plan = PLANS[plan]
         self._site = site
         self._builder = SceneBuilder(site, robot, database)
-        frames = database.entry(site.target).frames
-        self._T_object_grasp = frames[GRASP].T_object_frame if GRASP in frames else Pose.identity()
+        self._frames = database.entry(site.target).frames
         self._tracked = bus.subscribe(keys.tracked, capacity=_CAPACITY)
         self._joints = bus.subscribe(keys.joints, capacity=_CAPACITY)
         self._seed = seed
@@ -133,7 +130,7 @@ class Operator:
             phase,
             time_s=time_s,
             T_base_tcp_start=self._start,
-            T_base_handle=self._handle(scene),
+            Ts_base_frame=self._shown_frames(scene),
         )
         dt_s = seconds(now_ns - self._last_ns)
         pose = self._hand.step(wanted, now_s=time_s, dt_s=dt_s)
@@ -141,11 +138,15 @@ class Operator:
         message = encode(ToolCommand(now_ns, self._sequence, TTL_NS, pose))
         self._bus.publish(self._key, message.payload, schema=message.schema)
 
-    def _handle(self, scene: SceneState) -> Pose[Base, Object] | None:
+    def _shown_frames(self, scene: SceneState) -> dict[str, Pose[Base, Tcp]]:
+        """Return the target's named frames as the page would show them."""
         for node in scene.objects:
             if node.slug == self._site.target and node.T_base_object is not None:
-                return Pose((node.T_base_object @ self._T_object_grasp).matrix)
-        return None
+                return {
+                    name: Pose((node.T_base_object @ frame.T_object_frame).matrix)
+                    for name, frame in self._frames.items()
+                }
+        return {}
 
     def _heard(self, samples: list[Sample], decode: Callable[[bytes], T]) -> list[T]:
         """Decode what can be; the rest is counted and dropped."""

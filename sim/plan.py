@@ -1,18 +1,22 @@
 """What the scripted operator means to do, phase by phase, in terms of what the page shows.
 
-A phase says where the tool ought to be: against the pose it started from, or against the handle
-of the target as the tracker shows it. Following a shown object is what compensates the sway.
+    T_base_tcp = exp(turn) about the wrist @ (T_base_object @ T_object_frame)     at the target
+    T_base_tcp = exp(turn) about the wrist @ T_base_tcp_start                     else
+
+A named frame of the target is a pose of the tool there. Following a shown object is what
+compensates the sway.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from sim.hand import T_tcp_wrist, Wrist
-from spatial.frames import Base, Object, Tcp
+from spatial.frames import Base, Tcp
 from spatial.pose import Pose
 from spatial.rotation import exp_so3
 
@@ -25,12 +29,10 @@ class Phase:
     """What it does."""
     lasts_s: float
     """For how long [s]."""
-    at_target: bool
-    """Whether it goes to the target's handle or stays near where it started."""
-    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Of the tcp, in axes of the tool at the start, from the handle or from the start [m]."""
+    frame: str | None = None
+    """Named frame of the target where the tool goes; `None`: where it was at the start."""
     turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Turn of the hand about the wrist, rotation vector in tool axes [deg]."""
+    """Turn of the hand about the wrist, rotation vector in base axes [deg]."""
     wander_m: float = 0.0
     """Amplitude of a slow search motion across the tool [m]."""
     wander_deg: float = 0.0
@@ -59,26 +61,28 @@ class Plan:
         return self.phases[-1]
 
 
-AWAY = Phase("turn away", 8.5, at_target=False, turn_deg=(0.0, -80.0, 0.0), wander_deg=2.0)
+AWAY = Phase("turn away", 8.5, frame="above", turn_deg=(0.0, 80.0, 0.0), wander_deg=2.0)
 PICK = Plan(
     (
-        Phase("look around", 9.0, at_target=False, wander_m=0.04, wander_deg=4.0),
-        Phase("approach", 6.5, at_target=True, offset_m=(-0.12, 0.0, -0.20), wander_m=0.01),
+        Phase("look around", 9.0, wander_m=0.04, wander_deg=4.0),
+        Phase("approach", 6.5, frame="above", wander_m=0.01),
         AWAY,
-        Phase("look again", 5.0, at_target=True, offset_m=(-0.12, 0.0, -0.20), wander_m=0.01),
-        Phase("lower", 5.0, at_target=True, offset_m=(-0.12, 0.0, 0.03)),
-        Phase("under the handle", 7.0, at_target=True, offset_m=(0.0, 0.0, 0.03)),
-        Phase("hold", 6.0, at_target=True, offset_m=(0.0, 0.0, 0.02), wander_m=0.004),
-        Phase("back out", 4.0, at_target=True, offset_m=(-0.12, 0.0, 0.03)),
-        Phase("lift", 5.0, at_target=True, offset_m=(-0.12, 0.0, -0.20)),
-        Phase("look around", 6.0, at_target=False, wander_m=0.04, wander_deg=4.0),
+        Phase("look again", 5.0, frame="above", wander_m=0.01),
+        Phase("lower beside the handle", 5.0, frame="beside"),
+        Phase("slide below the handle", 5.0, frame="below"),
+        Phase("hook the handle", 6.0, frame="grasp", wander_m=0.003),
+        Phase("unhook", 4.0, frame="below"),
+        Phase("back out", 4.0, frame="beside"),
+        Phase("lift", 5.0, frame="above"),
+        Phase("look around", 6.0, wander_m=0.04, wander_deg=4.0),
     ),
     again=3,
 )
 """Brings the hook under the handle; between second 15 and 30 it looks away for over five."""
-IDLE = Plan((Phase("look around", 10.0, at_target=False, wander_m=0.04, wander_deg=4.0),), again=0)
+IDLE = Plan((Phase("look around", 10.0, wander_m=0.04, wander_deg=4.0),), again=0)
 """Looks about and touches nothing."""
 PLANS = {"pick": PICK, "idle": IDLE}
+"""Plans by name."""
 
 
 def goal(
@@ -86,27 +90,25 @@ def goal(
     *,
     time_s: float,
     T_base_tcp_start: Pose[Base, Tcp],
-    T_base_handle: Pose[Base, Object] | None,
+    Ts_base_frame: Mapping[str, Pose[Base, Tcp]],
 ) -> Pose[Base, Tcp]:
     """Return where the tool ought to be.
 
     Args:
         phase: what is done.
         time_s: time since the start [s].
-        T_base_tcp_start: where the tool was at the start; its axes are those of every offset.
-        T_base_handle: the handle as shown now; without one the tool stays near its start.
+        T_base_tcp_start: where the tool was at the start.
+        Ts_base_frame: named frames of the target as shown now; empty while it was never seen,
+            and the tool stays near its start.
     """
-    R_start = T_base_tcp_start.rotation
-    anchor = T_base_tcp_start.translation
-    offset = np.array(phase.offset_m)
-    if phase.at_target:
-        if T_base_handle is None:
-            offset = np.zeros(3)
-        else:
-            anchor = T_base_handle.translation
-    swing = np.array([math.sin(0.9 * time_s), math.sin(0.63 * time_s + 1.0), 0.0])
-    position = anchor + R_start @ (offset + phase.wander_m * swing)
+    anchor = T_base_tcp_start
+    if phase.frame is not None:
+        anchor = Ts_base_frame.get(phase.frame, T_base_tcp_start)
+    across = np.array([math.sin(0.9 * time_s), math.sin(0.63 * time_s + 1.0), 0.0])
     nod = phase.wander_deg * np.array([math.sin(0.71 * time_s), math.sin(0.53 * time_s), 0.0])
-    upright: Pose[Base, Tcp] = Pose.of(R_start, position)
-    turn: Pose[Wrist, Wrist] = Pose.of(exp_so3(np.radians(nod + phase.turn_deg)), np.zeros(3))
-    return upright @ T_tcp_wrist @ turn @ T_tcp_wrist.inverse()
+    searching: Pose[Tcp, Tcp] = Pose.of(np.eye(3), phase.wander_m * across)
+    T_base_wrist = anchor @ searching @ T_tcp_wrist
+    turned: Pose[Base, Wrist] = Pose.of(
+        exp_so3(np.radians(nod + phase.turn_deg)) @ T_base_wrist.rotation, T_base_wrist.translation
+    )
+    return turned @ T_tcp_wrist.inverse()

@@ -6,12 +6,18 @@ import pytest
 
 from sim.hand import Hand, HandModel, T_tcp_wrist
 from sim.plan import AWAY, PICK, PLANS, goal
-from spatial.frames import Base, Object, Tcp
+from spatial.frames import Base, Tcp
 from spatial.pose import Pose
 
 DT_S = 0.02
 START: Pose[Base, Tcp] = Pose.translated(0.5, 0.0, 1.1)
-HANDLE: Pose[Base, Object] = Pose.translated(0.6, 0.1, 1.2)
+HANDLE: Pose[Base, Tcp] = Pose.translated(0.6, 0.1, 1.2)
+FRAMES = {
+    "grasp": HANDLE,
+    "below": HANDLE @ Pose.translated(0.0, 0.0, 0.1),
+    "beside": HANDLE @ Pose.translated(-0.13, 0.0, 0.1),
+    "above": HANDLE @ Pose.translated(-0.13, 0.0, -0.15),
+}
 STEADY = HandModel(tremor_m=0.0)
 
 
@@ -76,28 +82,29 @@ def test_a_plan_goes_on_for_ever_and_never_stands_still(name: str) -> None:
     for t in np.arange(0.0, 300.0, 0.5).tolist():
         assert plan.at(t) in plan.phases
     places = [
-        goal(plan.at(t), time_s=t, T_base_tcp_start=START, T_base_handle=HANDLE).translation
+        goal(plan.at(t), time_s=t, T_base_tcp_start=START, Ts_base_frame=FRAMES).translation
         for t in np.arange(200.0, 260.0, 0.5).tolist()
     ]
     assert np.ptp(np.array(places), axis=0).max() > 0.05
 
 
-def test_at_the_target_the_goal_moves_with_the_shown_handle() -> None:
-    phase = next(p for p in PICK.phases if p.name == "under the handle")
-    moved: Pose[Base, Object] = Pose.translated(0.63, 0.1, 1.2)
-    one = goal(phase, time_s=1.0, T_base_tcp_start=START, T_base_handle=HANDLE)
-    two = goal(phase, time_s=1.0, T_base_tcp_start=START, T_base_handle=moved)
+def test_at_the_target_the_goal_moves_with_the_shown_object() -> None:
+    phase = next(p for p in PICK.phases if p.frame == "below")
+    shift: Pose[Base, Base] = Pose.translated(0.03, 0.0, 0.0)
+    moved = {name: shift @ pose for name, pose in FRAMES.items()}
+    one = goal(phase, time_s=1.0, T_base_tcp_start=START, Ts_base_frame=FRAMES)
+    two = goal(phase, time_s=1.0, T_base_tcp_start=START, Ts_base_frame=moved)
     assert np.allclose(two.translation - one.translation, (0.03, 0.0, 0.0))
-    assert np.linalg.norm(one.translation - HANDLE.translation) < 0.05
+    assert np.allclose(one.matrix, FRAMES["below"].matrix)
 
 
 def test_without_a_handle_the_tool_stays_near_its_start() -> None:
     for phase in PICK.phases:
-        pose = goal(phase, time_s=3.0, T_base_tcp_start=START, T_base_handle=None)
+        pose = goal(phase, time_s=3.0, T_base_tcp_start=START, Ts_base_frame={})
         assert np.linalg.norm(wrist(pose) - wrist(START)) < 0.1
 
 
 def test_turning_away_turns_the_camera_out_of_its_field_of_view() -> None:
-    pose = goal(AWAY, time_s=0.0, T_base_tcp_start=START, T_base_handle=HANDLE)
+    pose = goal(AWAY, time_s=0.0, T_base_tcp_start=START, Ts_base_frame={})
     half_diagonal = math.atan(math.hypot(640, 480) / 1078)
     assert START.distance_to(pose)[1] > 2 * half_diagonal - math.radians(5)
