@@ -141,7 +141,7 @@ class SceneBuilder:
             return
         if not is_sound(report.T_cam_object):
             self.refused = replace(self.refused, reports=self.refused.reports + 1)
-        elif report.stamp_ns > track.raw_ns:
+        elif report.stamp_ns > track.raw_ns and self._is_placed(camera):
             T_base_cam = self._camera(camera, self._arm.links(report.stamp_ns))
             track.T_base_object_raw = T_base_cam @ report.T_cam_object
             track.raw_ns = report.stamp_ns

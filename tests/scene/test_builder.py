@@ -335,6 +335,21 @@ def test_the_raw_pose_is_the_measured_one_with_the_arm_as_it_was(
     builder.put_report(dataclasses.replace(report, stamp_ns=shot - 1, slug="moon"))
     raw = node(builder.build(START + 500 * MS), "cage").T_base_object_raw
     assert off(raw, world.T_base_object(shot)) < 1e-6
+    broken = Pose[Cam, Object](np.full((4, 4), math.nan))
+    builder.put_report(dataclasses.replace(report, stamp_ns=shot + 2, T_cam_object=broken))
+    assert builder.refused.reports == 1
+    assert off(node(builder.build(START + 500 * MS), "cage").T_base_object_raw, raw) == 0.0
+
+
+def test_where_a_camera_was_is_known_once_the_arm_is(builder: SceneBuilder, world: World) -> None:
+    assert builder.camera_at("hc", START) is None
+    assert builder.camera_at("mako", START) is not None
+    feed(builder, world, until_ns=START + 500 * MS)
+    T_base_hc = builder.camera_at("hc", START + 421 * MS)
+    assert T_base_hc is not None
+    assert T_base_hc.distance_to(world.T_base_cam("hc", START + 421 * MS))[0] < 1e-6
+    with pytest.raises(InputError, match="unknown camera 'eye'; available: hc, mako"):
+        builder.camera_at("eye", START)
 
 
 UNSOUND = {

@@ -89,6 +89,15 @@ def test_an_empty_buffer_says_so() -> None:
         buffer.interpolate(7, blend)
 
 
+def test_a_copy_lives_on_its_own() -> None:
+    buffer = filled([10, 20])
+    twin = buffer.copy()
+    buffer.put(30, 60.0)
+    twin.put(25, 50.0)
+    assert [item.stamp_ns for item in buffer] == [10, 20, 30]
+    assert [item.stamp_ns for item in twin] == [10, 20, 25]
+
+
 def test_newest_is_the_largest_stamp_not_the_last_arrival() -> None:
     newest = filled([30, 10, 20]).newest
     assert isinstance(newest, Stamped)
