@@ -187,8 +187,9 @@ def _check_nodes(nodes: list[dict[str, Any]]) -> None:
     if len(nodes) > MAX_PARTS:
         raise _BadMeshError(f"{len(nodes)} nodes; at most {MAX_PARTS}")
     level = dict.fromkeys(range(len(nodes)), 0)
-    for _ in range(MAX_DEPTH + 1):
-        deeper = False
+    settled = False
+    while not settled:
+        settled = True
         for index, node in enumerate(nodes):
             children = node.get("children", [])
             for child in children if isinstance(children, list) else []:
@@ -196,10 +197,9 @@ def _check_nodes(nodes: list[dict[str, Any]]) -> None:
                     raise _BadMeshError(f"node {index} has a child {str(child)[:20]}")
                 if level[child] <= level[index]:
                     level[child] = level[index] + 1
-                    deeper = True
-        if not deeper:
-            return
-    raise _BadMeshError(f"nodes nest deeper than {MAX_DEPTH}, or in a circle")
+                    settled = False
+                if level[child] > MAX_DEPTH:
+                    raise _BadMeshError(f"nodes nest deeper than {MAX_DEPTH}, or in a circle")
 
 
 def _list(tree: dict[str, Any], key: str) -> list[dict[str, Any]]:

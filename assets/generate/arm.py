@@ -67,7 +67,7 @@ def base_mesh() -> MeshData:
 def rising_mesh(length: float) -> MeshData:
     """Return a section from a roll joint at z = 0 up to its half (y < 0) of a pitch joint."""
     body = Body()
-    body.add(ORANGE, _bend(0.0, -0.032, length), _housing(-1.0, length))
+    body.add(ORANGE, _bend(0.0, -0.035, length), _housing(-1.0, length))
     _joint_cap(body, -1.0, length)
     body.add(DARK, ring(0.03, TUBE_RADIUS - 0.002, -0.0005, 0.0065))
     return body.mesh()
@@ -76,11 +76,14 @@ def rising_mesh(length: float) -> MeshData:
 def leaving_mesh(length: float, *, wrist: bool = False) -> MeshData:
     """Return a section from its half (y > 0) of a pitch joint at z = 0 up to a roll joint."""
     body = Body()
-    spine = _bend(0.0, -0.032, length)
+    spine = _bend(0.0, -0.035, length)
     body.add(ORANGE, placed(spine, (0.0, 0.0, length), rpy_deg=(180, 0, 0)), _housing(1.0, 0.0))
     _joint_cap(body, 1.0, 0.0)
     if wrist:
-        body.add(GREY, ring(0.03, TUBE_RADIUS + 0.0015, length - 0.03, length - 0.012))
+        body.add(
+            GREY,
+            cylinder(TUBE_RADIUS + 0.0015, length - 0.03, length - 0.012, bevel=0.001, sides=26),
+        )
     body.add(DARK, ring(0.03, TUBE_RADIUS - 0.001, length - 0.0065, length + 0.0005))
     return body.mesh()
 
@@ -147,11 +150,13 @@ def flange_mesh() -> MeshData:
 
 
 def _bend(start_y: float, end_y: float, length: float) -> Solid:
-    rise = np.linspace(0.0, 1.0, 15)
+    """Return the tube of a section, slimmer where it runs into the joint's housing."""
+    rise = np.linspace(0.0, 1.0, 13)
     y = start_y + (end_y - start_y) * smoothstep(rise)
-    spine = np.stack((0.0 * rise, y, 0.004 + (length - 0.03) * rise), axis=1)
+    spine = np.stack((0.0 * rise, y, 0.004 + (length - 0.026) * rise), axis=1)
     waist = np.sin(np.pi * np.clip(rise / 0.9, 0.0, 1.0)) ** 2
     radii = TUBE_RADIUS + (WAIST_RADIUS - TUBE_RADIUS) * waist
+    radii -= (TUBE_RADIUS - 0.047) * smoothstep(np.clip(rise / 0.45 - 1.2, 0.0, 1.0))
     return swept(spine, radii, sides=26)
 
 
@@ -162,25 +167,25 @@ def _housing(side: float, z: float) -> Solid:
     bulge = np.radians(np.linspace(12.0, 66.0, 6))
     profile += [(r - 0.026 * (1 - np.cos(a)), 0.030 + (reach - 0.034) * np.sin(a)) for a in bulge]
     profile += [(0.0, profile[-1][1])]
-    return placed(turned(profile, sides=34), (0.0, 0.0, z), rpy_deg=(-90.0 * side, 0, 0))
+    return placed(turned(profile, sides=30), (0.0, 0.0, z), rpy_deg=(-90.0 * side, 0, 0))
 
 
 def _joint_cap(body: Body, side: float, z: float) -> None:
     face = 0.030 + (HOUSING_REACH - 0.034) * np.sin(np.radians(66.0))
     turn = (-90.0 * side, 0, 0)
     rim = turned(
-        [(0.0, face - 0.002), (0.0465, face - 0.002), (0.0465, face + 0.001), (0.0, face + 0.001)],
-        sides=34,
+        [(0.0, face - 0.002), (0.0445, face - 0.002), (0.0445, face + 0.001), (0.0, face + 0.001)],
+        sides=30,
     )
     cap = turned(
         [
             (0.0, face),
-            (0.0435, face),
-            (0.0425, face + 0.004),
+            (0.0415, face),
+            (0.0405, face + 0.004),
             (0.036, face + 0.0065),
             (0.0, face + 0.0075),
         ],
-        sides=34,
+        sides=30,
     )
     body.add(DARK, placed(rim, (0, 0, z), rpy_deg=turn))
     body.add(GREY, placed(cap, (0, 0, z), rpy_deg=turn))

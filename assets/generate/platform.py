@@ -48,15 +48,15 @@ def deck_mesh() -> MeshData:
     body = Body()
     for z, thick in ((0.0, 0.012), (-0.07, 0.01)):
         holes = [
-            placed(cylinder(0.055, -0.05, 0.05, sides=20), (0.2 * np.cos(a), 0.2 * np.sin(a), z))
+            placed(cylinder(0.055, -0.05, 0.05, sides=16), (0.2 * np.cos(a), 0.2 * np.sin(a), z))
             for a in np.radians((0.0, 90.0, 180.0, 270.0))
         ]
         body.add(ANODISED, cut(_octagon(DECK_RADIUS, z, thick), *holes))
     for angle in np.radians(np.arange(22.5, 360.0, 45.0)):
         x, y = 0.31 * np.cos(angle), 0.31 * np.sin(angle)
         body.add(STEEL, placed(cylinder(0.009, -0.066, -0.005, sides=10), (x, y, 0.0)))
-    body.add(ANODISED, cylinder(0.115, -0.125, -0.072, bevel=0.004, sides=36))
-    body.add(ACCENT, ring(0.11, 0.1165, -0.105, -0.099, sides=36))
+    body.add(ANODISED, cylinder(0.115, -0.125, -0.072, bevel=0.004, sides=30))
+    body.add(ACCENT, ring(0.11, 0.1165, -0.105, -0.099, sides=30))
     body.add(DARK, placed(bevelled_box((0.17, 0.13, 0.075), 0.008), (-0.02, 0.0, 0.046)))
     body.add(GREY, placed(bevelled_box((0.13, 0.09, 0.006), 0.002), (-0.02, 0.0, 0.086)))
     for side in (-1.0, 1.0):
@@ -77,8 +77,8 @@ def boom_mesh() -> MeshData:
     """
     body = Body()
     for z in (-0.012, -0.058):
-        body.add(CARBON, rod((-0.12, 0.0, z), (BOOM_LENGTH * 0.72, 0.0, -0.02), 0.0125, sides=12))
-    body.add(CARBON, rod((-0.1, 0.0, -0.02), (BOOM_LENGTH, 0.0, -0.02), 0.017, sides=14))
+        body.add(CARBON, rod((-0.12, 0.0, z), (BOOM_LENGTH * 0.72, 0.0, -0.02), 0.0125, sides=10))
+    body.add(CARBON, rod((-0.1, 0.0, -0.02), (BOOM_LENGTH, 0.0, -0.02), 0.017, sides=12))
     body.add(ANODISED, placed(bevelled_box((0.06, 0.05, 0.05), 0.006), (BOOM_LENGTH, 0.0, -0.02)))
     for side in (-1.0, 1.0):
         hub = np.array((BOOM_LENGTH, side * 0.185, 0.03))
@@ -226,15 +226,15 @@ def _propeller(spin: int) -> list[tuple[Look, Solid]]:
             (0.136, 0.0),
             (0.138, -0.032),
         ],
-        sides=40,
+        sides=32,
     )
     made: list[tuple[Look, Solid]] = [(GREY, duct)]
-    made.append((DARK, cylinder(0.019, -0.03, 0.006, bevel=0.003, sides=16)))
+    made.append((DARK, cylinder(0.019, -0.03, 0.006, bevel=0.003, sides=14)))
     made.append(
         (ACCENT, turned([(0.0, 0.006), (0.0165, 0.006), (0.011, 0.016), (0.0, 0.02)], sides=16))
     )
     for angle in (0.0, 120.0, 240.0):
-        arm = rod((0.0, 0.0, -0.022), (0.139, 0.0, -0.022), 0.005, sides=6)
+        arm = rod((0.0, 0.0, -0.022), (0.139, 0.0, -0.022), 0.005, sides=5)
         made.append((CARBON, placed(arm, rpy_deg=(0, 0, angle + 60.0))))
     blades = [placed(_blade(spin), rpy_deg=(0, 0, angle)) for angle in (20.0, 200.0)]
     return [*made, *((BLADE, blade) for blade in blades)]
@@ -245,13 +245,13 @@ def _blade(spin: int) -> Solid:
     rings = []
     for radius, chord, pitch_deg in stations:
         turn = np.radians(spin * pitch_deg)
-        around = np.radians(np.arange(0.0, 360.0, 45.0))
+        around = np.radians(np.arange(0.0, 360.0, 60.0))
         across = 0.5 * chord * np.cos(around)
         thick = 0.0022 * np.sin(around)
         rings.append(
             np.column_stack(
                 (
-                    np.full(8, radius),
+                    np.full(6, radius),
                     across * np.cos(turn) - thick * np.sin(turn),
                     0.002 + across * np.sin(turn) + thick * np.cos(turn),
                 )

@@ -30,6 +30,24 @@ JOINTS = (
     ("A5", 0.19, (0, -1, 0), 120, 38, 184),
     ("A6", 0.078, (0, 0, 1), 170, 38, 184),
 )
+README = """# SAM: a KUKA LWR 4+ below a suspended platform
+
+Root link `platform` (x forward, z up); the arm hangs below it, its `base` turned upside down.
+Joints `A1 A2 E1 A3 A4 A5 A6` with the published kinematics (flange 1.1785 m above the base at
+zero), limits, torques and speeds. Frames others rely on:
+
+| link | what |
+|---|---|
+| `tcp` | inner bottom of the J-hook, z along the tool; the hook opens towards +x |
+| `hc` | optical frame of the hand-eye camera, beside the tool, looking along it |
+| `mako` | optical frame of the eye-to-hand camera, at the platform's front, looking down ahead |
+
+The arm weighs 16 kg, spread over capsules; platform (45 kg) and tool (3 kg) are assumed. Meshes
+are glTF, metres, Z up, below 2000 faces a link; shapes are our own after published dimensions.
+
+Made by `python -m assets.generate`; licence: MIT, as the project. KUKA is a trademark of its
+owner, who has no part in this.
+"""
 MAKO_XYZ, MAKO_AIM = (0.36, 0.2, -0.115), (0.6, 0.0, -1.15)
 """Place of the eye-to-hand camera and what it looks at, in the platform's frame [m]."""
 
@@ -67,6 +85,7 @@ def make(folder: Path) -> None:
     for name, mesh in robot_meshes().items():
         (meshes / f"{name}.glb").write_bytes(to_glb(mesh))
     (folder / "robot.urdf").write_text(urdf(), encoding="utf-8")
+    (folder / "README.md").write_text(README, encoding="utf-8")
 
 
 def robot_meshes() -> dict[str, MeshData]:

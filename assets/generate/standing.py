@@ -155,8 +155,8 @@ def pipe() -> Thing:
     ]
     body.add(PAINT, placed(turned(profile, sides=56), rpy_deg=lay))
     for x in (-0.6, 0.6):
-        weld = arc((x, 0, 0), r + 0.0005, 0.0, 360.0, steps=49, plane="yz")[:-1]
-        body.add(STEEL, swept(weld, 0.0035, sides=8, closed=True))
+        weld = arc((x, 0, 0), r + 0.0005, 0.0, 360.0, steps=41, plane="yz")[:-1]
+        body.add(STEEL, swept(weld, 0.0035, sides=5, closed=True))
     tags: list[Tag] = []
     ids = iter(range(20, 30))
     for x, angles in (
@@ -167,12 +167,12 @@ def pipe() -> Thing:
     ):
         body.add(
             ANODISED,
-            placed(ring(r, r + 0.003, x - 0.02, x + 0.02, bevel=0.0007, sides=56), rpy_deg=lay),
+            placed(ring(r, r + 0.003, x - 0.02, x + 0.02, sides=40), rpy_deg=lay),
         )
         for angle in angles:
             tags.append(_band_tag(body, next(ids), x, float(angle), target=not tags))
     for x in (-0.93, 0.93):
-        body.add(ORANGE, placed(ring(r, r + 0.0015, x - 0.03, x + 0.03, sides=56), rpy_deg=lay))
+        body.add(ORANGE, placed(ring(r, r + 0.0015, x - 0.03, x + 0.03, sides=48), rpy_deg=lay))
         _support(body, 0.93 * np.sign(x) * 0.72)
     walls = {"size_m": [0.9, 0.5]}
     return Thing(
@@ -223,7 +223,7 @@ def _band_tag(body: Body, number: int, x: float, angle_deg: float, *, target: bo
     stand = PIPE_RADIUS + 0.012
     block = bevelled_box((0.036, 0.05, 0.014), 0.002)
     body.add(DARK, placed(block, (x, *(out * (stand - 0.008))[1:]), rpy_deg=(angle_deg, 0, 0)))
-    carrier = rounded_plate((0.106, 0.106, 0.003), 0.01, bevel=0.001, steps=3)
+    carrier = rounded_plate((0.106, 0.106, 0.003), 0.01, steps=3)
     body.add(
         ANODISED, placed(carrier, (x, *(out * (stand + 0.0005))[1:]), rpy_deg=(angle_deg, 0, 0))
     )
