@@ -9,8 +9,7 @@ import click
 
 from app.report import print_json, say
 from scene.database import Database, load_database
-
-ASSETS = Path(__file__).parents[2] / "assets"
+from scene.site import ASSETS
 
 EXAMPLE = """Look after the object database without a browser.
 
