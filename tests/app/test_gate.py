@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import http.client
+import secrets
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -44,7 +45,7 @@ CAMERA: dict[str, Any] = {
 }
 
 
-SECRET = "-".join(("a", "made", "up", "token"))
+SECRET = secrets.token_hex(8)
 
 
 def channel() -> LiveChannel:

@@ -6,6 +6,7 @@ Run as a script (`fake_station.py PORT`) it serves until it is killed; tests imp
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -24,7 +25,7 @@ from scene.graph import ObjectNode, SceneState
 from scene.mesh import box_mesh, cylinder_mesh
 from scene.robot import Robot, load_robot
 from spatial.camera import PinholeCamera
-from spatial.frames import Base, Cam, Frame, Object
+from spatial.frames import Base, Cam, Object
 from spatial.pose import Pose
 from spatial.solids import Box, Cylinder, Plane
 from spatial.tracked import TrackState
@@ -42,6 +43,7 @@ STATES = {
     "cage": TrackState.BRIDGED,
     "wheel": TrackState.STALE,
     "crawler": TrackState.LOST,
+    "mark": TrackState.TRACKED,
 }
 REASONS = {
     "cage": "no camera sees a tag; carried by the motion of hc",
@@ -54,15 +56,15 @@ PLACES = {
     "cage": (0.10, -0.45, 1.30),
     "wheel": (-0.40, 0.35, 1.25),
     "crawler": (-0.35, -0.35, 1.38),
+    "mark": (-0.6, 0.0, 1.38),
 }
 
 
 def looks() -> tuple[ObjectLook, ...]:
     """Return plain bodies, the plate with walls around the peg."""
-    wall: Pose[Object, Frame] = Pose.translated(0.0, 0.0, -0.10)
     fixtures = (
         Fixture("channel", "inside", Box((0.20, 0.20, 0.30)), Pose.translated(0.0, 0.0, -0.17)),
-        Fixture("seat", "inside", Cylinder(0.05, 0.18), wall),
+        Fixture("seat", "inside", Cylinder(0.05, 0.18), Pose.translated(0.0, 0.0, -0.10)),
         Fixture("guard", "forbidden", Plane((0.5, 0.4)), Pose.translated(0.0, 0.0, -0.03)),
     )
     grey, yellow, blue = (150, 156, 164, 255), (214, 176, 72, 255), (92, 132, 170, 255)
@@ -76,6 +78,7 @@ def looks() -> tuple[ObjectLook, ...]:
         object_look("peg", cylinder_mesh(0.03, 0.16).coloured(yellow), name="Peg"),
         object_look("cage", box_mesh(np.array([0.3, 0.3, 0.2])).coloured(yellow), name="Cage"),
         object_look("wheel", cylinder_mesh(0.12, 0.04).coloured(blue), name="Valve wheel"),
+        object_look("mark", box_mesh(np.full(3, 0.02)).coloured((40, 220, 40, 255)), name="Mark"),
         object_look("crawler", box_mesh(np.array([0.3, 0.18, 0.1])).coloured(blue), name="Crawler"),
     )
 
@@ -94,6 +97,8 @@ class FakeScene:
         self.tick = 0
         self.still = False
         self.states = dict(STATES)
+        self.places: dict[str, tuple[float, float, float]] = dict(PLACES)
+        self.broken: set[str] = set()
 
     def at(self, seconds: float) -> SceneState:
         """Return the state at a time [s] after the start."""
@@ -120,10 +125,12 @@ class FakeScene:
         )
 
     def _object(self, slug: str, phase: float) -> ObjectNode:
-        pose: Pose[Base, Object] = Pose.translated(*PLACES[slug])
+        pose: Pose[Base, Object] = Pose.translated(*self.places[slug])
         if slug == "peg":
-            x, y, z = PLACES[slug]
+            x, y, z = self.places[slug]
             pose = Pose.translated(x + 0.03 * np.cos(phase), y + 0.03 * np.sin(phase), z)
+        if slug in self.broken:
+            pose = Pose(np.full((4, 4), np.nan))
         state = self.states[slug]
         seen = {"tracked": 48.0, "bridged": 2400.0, "stale": 7300.0, "lost": 61_000.0}
         raw: Pose[Base, Object] = pose @ Pose.translated(0.012, -0.008, 0.0)
@@ -143,7 +150,7 @@ class FakeScene:
 
 
 def picture(camera: str, seconds: float, scene: FakeScene | None = None) -> bytes:
-    """Return a JPEG with a test pattern: a ramp, a moving bar and the projected plate corners."""
+    """Return a JPEG with a test pattern: a ramp, a moving bar, a disc where the mark is."""
     intrinsics = CAMERAS[camera]
     ramp = np.linspace(40, 90, intrinsics.width, dtype=np.uint8)
     image = np.dstack([np.tile(ramp, (intrinsics.height, 1))] * 3)
@@ -152,13 +159,13 @@ def picture(camera: str, seconds: float, scene: FakeScene | None = None) -> byte
     if scene is not None:
         state = scene.at(seconds)
         scene.tick -= 1
-        T_cam_base = state.Ts_base_cam[camera].inverse()
-        for node in state.objects:
-            assert node.T_base_object is not None
-            p = (T_cam_base @ node.T_base_object).translation
-            if p[2] > 0.05:
-                u, v = intrinsics.project(p)
-                cv2.circle(image, (round(float(u)), round(float(v))), 9, (40, 220, 40), -1)
+        mark = next(node for node in state.objects if node.slug == "mark")
+        assert mark.T_base_object is not None
+        p = (state.Ts_base_cam[camera].inverse() @ mark.T_base_object).translation
+        if p[2] > 0.05:
+            u, v = intrinsics.project(p)
+            centre = (round(float(u) * 16), round(float(v) * 16))
+            cv2.circle(image, centre, 9 * 16, (40, 220, 40), -1, cv2.LINE_AA, 4)
     done, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 80])
     assert done
     return data.tobytes()
@@ -175,7 +182,7 @@ class FakeStation:
         self.port = ViserPort(settings or GateSettings(port=port), live=self.live)
         self.stage = Stage(self.port, stage_look(robot))
         self.names = {look.slug: look.name for look in looks()}
-        self._frames = 0
+        self._stopped = threading.Event()
 
     def step(self, seconds: float, *, replay: bool = False) -> SceneState:
         """Show the state at a time, with its status."""
@@ -203,15 +210,19 @@ class FakeStation:
         """Show and film in real time."""
         start = time.monotonic()
         next_film = 0.0
-        while (now := time.monotonic() - start) < duration_s:
+        while (now := time.monotonic() - start) < duration_s and not self._stopped.is_set():
             self.step(now)
             if now >= next_film:
                 self.film(now)
                 next_film = now + 1.0 / film_hz
             time.sleep(max(0.0, 1.0 / hz - (time.monotonic() - start - now)))
 
+    def stop(self) -> None:
+        """End `run`."""
+        self._stopped.set()
+
     def close(self) -> None:
-        """Stop."""
+        """Give the port back."""
         self.live.close()
         self.port.close()
 
