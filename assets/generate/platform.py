@@ -201,8 +201,8 @@ def mako_mesh() -> MeshData:
     body.add(DARK, lens)
     body.add(ACCENT, ring(0.0165, 0.0175, -0.022, -0.019, sides=28))
     body.add(GLASS, turned([(0.0, -0.0062), (0.011, -0.0062), (0.0, -0.003)], sides=24))
-    body.add(ANODISED, placed(bevelled_box((0.045, 0.008, 0.05), 0.002), (0.0, -0.019, -0.072)))
-    body.add(ANODISED, placed(bevelled_box((0.02, 0.06, 0.016), 0.002), (0.0, -0.048, -0.085)))
+    body.add(ANODISED, placed(bevelled_box((0.045, 0.008, 0.05), 0.002), (0.0, 0.019, -0.072)))
+    body.add(ANODISED, placed(bevelled_box((0.024, 0.11, 0.016), 0.002), (0.0, 0.073, -0.082)))
     return body.mesh()
 
 
