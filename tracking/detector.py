@@ -23,6 +23,8 @@ Refinement = Literal["edges", "subpix", "none"]
 REFINEMENTS: tuple[Refinement, ...] = ("edges", "subpix", "none")
 EDGE_SEARCH_PX = 4.0
 """OpenCV's raw corners are a pixel or two off; farther out is another edge [px]."""
+RAW_NOISE_PX = 1.0
+"""Said of corners without refined edges [px]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +37,7 @@ class Detection:
     """Number within the family."""
     corners_px: Array
     """Corners (4, 2) TL TR BR BL [px]."""
-    noise_px: float = 0.25
+    noise_px: float = RAW_NOISE_PX
     """Scatter of the edge points behind the corners [px]."""
 
     @property
@@ -64,23 +66,34 @@ def detect(
     """
     if refine not in REFINEMENTS:
         raise InputError(unknown("refinement", refine, REFINEMENTS))
-    if gray.ndim != 2 or gray.dtype != np.uint8:
-        raise InputError(f"an image is (H, W) uint8, got {gray.shape} {gray.dtype}")
-    quads, ids, _ = _engine(family, subpixel=refine == "subpix").detectMarkers(gray)
-    if ids is None or not len(ids):
-        return ()
-    corners = np.asarray(quads, dtype=np.float64).reshape(-1, 4, 2)
-    noise = np.full(len(corners), 0.25)
+    ids, corners = search(gray, family=family, subpixel=refine == "subpix")
+    noise = np.full(len(corners), RAW_NOISE_PX)
     if refine == "edges":
         sides = np.full(len(corners), side_cells(family))
         refined = refine_corners(
             gray, corners_px=corners, sides=sides, camera=camera, search_px=EDGE_SEARCH_PX
         )
         corners = refined.corners_px
-        noise = np.where(refined.ok, refined.noise_px, 1.0)
-    found = zip(np.ravel(ids).tolist(), corners, noise.tolist(), strict=True)
-    detections = (Detection(family, int(i), c, float(n)) for i, c, n in found)
+        noise = np.where(refined.ok, refined.noise_px, RAW_NOISE_PX)
+    found = zip(ids, corners, noise.tolist(), strict=True)
+    detections = (Detection(family, i, c, float(n)) for i, c, n in found)
     return tuple(sorted(detections, key=lambda d: d.id))
+
+
+def search(
+    gray: NDArray[np.uint8], *, family: str, subpixel: bool = False
+) -> tuple[list[int], Array]:
+    """Return ids and raw corners (n, 4, 2) [px] that OpenCV finds in an image (H, W) uint8.
+
+    Raises:
+        InputError: an unknown family, or an image that is not (H, W) uint8.
+    """
+    if gray.ndim != 2 or gray.dtype != np.uint8:
+        raise InputError(f"an image is (H, W) uint8, got {gray.shape} {gray.dtype}")
+    quads, ids, _ = _engine(family, subpixel=subpixel).detectMarkers(gray)
+    if ids is None or not len(ids):
+        return [], np.zeros((0, 4, 2))
+    return [int(i) for i in np.ravel(ids)], np.asarray(quads, dtype=np.float64).reshape(-1, 4, 2)
 
 
 @lru_cache(maxsize=16)

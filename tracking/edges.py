@@ -53,7 +53,7 @@ def refine_corners(
     corners_px: Array,
     sides: NDArray[np.int64],
     camera: PinholeCamera | None = None,
-    search_px: float = SEARCH_PX,
+    search_px: float | Array = SEARCH_PX,
 ) -> Refined:
     """Refine the corners of markers that are roughly known.
 
@@ -62,7 +62,7 @@ def refine_corners(
         corners_px: rough corners (n, 4, 2) TL TR BR BL [px].
         sides: cells along each marker's black square (n,).
         camera: bends the edges of large markers as its lens does; straight when `None`.
-        search_px: how far off an edge may be [px].
+        search_px: how far off an edge may be [px], one value or (n,).
     """
     rough = np.asarray(corners_px, dtype=np.float64)
     if not len(rough):

@@ -36,7 +36,7 @@ _SOFT_PX = 0.3
 """Differences in fit below it are noise: there the prediction decides [px]."""
 _PRIOR_CAP = 40.0
 _CLEAR_PX = 1.5
-"""Three tags and more that all fit the descent from the prediction this well [px] settle it."""
+"""Three tags and a clear majority that fit the prediction's descent this well [px] settle it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +105,8 @@ def solve_joint(
     problem = _problem(camera, tags)
     if prior is not None and len(tags) > 2:
         pose = _descend(problem, prior.T_cam_object.matrix, _WARM)
-        if _errors(problem, pose[None])[0].max() < _CLEAR_PX:
+        fits = int((_errors(problem, pose[None])[0] < _CLEAR_PX).sum())
+        if fits > 2 and fits > 0.7 * len(tags):
             return _solution(problem, pose, 1)
     starts = [
         planar.T_cam_tag @ tag.marker.T_object_marker.inverse()

@@ -14,13 +14,19 @@ odometry: 11 mm after 5 s, 16 mm after 10 s.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from spatial.frames import Cam, Object, Tag, W
+from spatial.frames import Cam, Frame, W
 from spatial.pose import Pose
 from spatial.rotation import Array
 from spatial.stamp import seconds
+
+B = TypeVar("B", bound=Frame)
+
+TURN_PER_DOUBT = 0.1
+"""Variance of orientation [rad^2] per variance of position [m^2] that a replaced jump adds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,37 +48,24 @@ MOBILE = MotionNoise(walk_m=0.1, walk_rad=0.3)
 
 
 def propagate(
-    T_cam_object: Pose[Cam, Object], *, T_w_cam_then: Pose[W, Cam], T_w_cam_now: Pose[W, Cam]
-) -> Pose[Cam, Object]:
-    """Return the pose of a static object in the camera after the camera has moved."""
-    return T_w_cam_now.inverse() @ T_w_cam_then @ T_cam_object
+    T_cam_b: Pose[Cam, B], *, T_w_cam_then: Pose[W, Cam], T_w_cam_now: Pose[W, Cam]
+) -> Pose[Cam, B]:
+    """Return the pose of something static in the camera after the camera has moved."""
+    return T_w_cam_now.inverse() @ T_w_cam_then @ T_cam_b
 
 
-def propagate_target(
-    T_cam_x: Pose[Cam, Tag], *, T_w_cam_then: Pose[W, Cam], T_w_cam_now: Pose[W, Cam]
-) -> Pose[Cam, Tag]:
-    """Return the pose of a static marker in the camera after the camera has moved."""
-    return T_w_cam_now.inverse() @ T_w_cam_then @ T_cam_x
-
-
-def grown(
-    covariance: Array,
-    *,
-    duration_ns: int,
-    noise: MotionNoise,
-    distance_m: float,
-    doubt_m2: float = 0.0,
+def growth(
+    *, duration_ns: int, noise: MotionNoise, distance_m: float, doubt_m2: float = 0.0
 ) -> Array:
-    """Return a covariance (6, 6) after a time without measurement.
+    """Return what a time without measurement adds to a covariance, its diagonal (6,).
 
     Args:
-        covariance: right perturbation in the object frame, translation before rotation.
-        duration_ns: time carried [ns]; negative counts as its magnitude.
+        duration_ns: time carried [ns]; backwards counts alike.
         noise: rates of the random walk.
         distance_m: camera to object, the lever arm of the walk in orientation [m].
         doubt_m2: variance that replaced jumps have added.
     """
     dt = abs(seconds(duration_ns))
     position = dt * (noise.walk_m**2 + (noise.walk_rad * distance_m) ** 2) + doubt_m2
-    growth = np.array([position] * 3 + [dt * noise.walk_rad**2 + 0.1 * doubt_m2] * 3)
-    return covariance + np.diag(growth)
+    turn = dt * noise.walk_rad**2 + TURN_PER_DOUBT * doubt_m2
+    return np.array([position, position, position, turn, turn, turn])
