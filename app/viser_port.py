@@ -19,6 +19,7 @@ import viser
 from viser import _messages as viser_messages
 
 from app.gate import Gate, GateSettings, LiveHandler
+from app.loop_event import LoopEvent
 from spatial.errors import InputError, unknown
 from spatial.pose import Pose
 from spatial.rotation import Array
@@ -93,6 +94,7 @@ class ViserPort:
         self.refused_poses = 0
         """Poses that were not finite or not rigid, since the start."""
         self._close_tunnel()
+        self._guard_writes()
         self._server.gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False)
         self._light(light_profile)
 
@@ -212,6 +214,11 @@ class ViserPort:
         server = self._server._websock_server  # noqa: SLF001 - contract-tested hook
         server.unregister_handler(viser_messages.ShareUrlRequest)
         server.unregister_handler(viser_messages.ShareUrlDisconnect)
+
+    def _guard_writes(self) -> None:
+        """Let this process's threads write while tabs come and go."""
+        buffer = self._server._websock_server._broadcast_buffer  # noqa: SLF001 - contract-tested hook
+        buffer.message_event = LoopEvent(buffer.event_loop)  # type: ignore[assignment] # same methods
 
     @property
     def _shadows(self) -> bool:
