@@ -17,7 +17,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from playwright.sync_api import BrowserContext, Page, Request, sync_playwright
+from playwright.sync_api import BrowserContext, Page, sync_playwright
 
 from app.gate import GateSettings
 from spatial.pose import Pose
@@ -83,12 +83,35 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserContext
         context.close()
 
 
-@pytest.fixture
-def page(browser: BrowserContext, station: Any) -> Iterator[Page]:
-    station.scene.still = False
+@pytest.fixture(scope="module")
+def tab(browser: BrowserContext, station: Any) -> Iterator[Page]:
     opened = open_page(browser, station.port.url)
+    opened.evaluate(
+        f"""() => {{
+        window.hide = [];
+        {PAGE}.viser.beforeRender(() => {{
+          for (const n of window.hide.map(n => {PAGE}.viser.node(n))) if (n) n.visible = false;
+        }});
+        }}"""
+    )
     yield opened
     opened.close()
+
+
+@pytest.fixture
+def page(tab: Page, station: Any) -> Page:
+    """One tab for all tests, put back as it was at the start."""
+    station.scene.still = False
+    tab.bring_to_front()
+    tab.evaluate(
+        f"""() => {{
+        window.hide = [];
+        document.querySelectorAll('style.bare').forEach(e => e.remove());
+        {PAGE}.view.go('free', {{smooth: false}});
+        {PAGE}.view.frameAll();
+        }}"""
+    )
+    return tab
 
 
 def open_page(browser: BrowserContext, url: str, *, hash_text: str = "") -> Page:
@@ -112,7 +135,14 @@ def shot(page: Page) -> np.ndarray:
 
 def bare(page: Page) -> None:
     """Leave only the picture."""
-    page.add_style_tag(content=".tp-hud{display:none} body{background:#000!important}")
+    page.evaluate(
+        """() => {
+        const style = document.createElement('style');
+        style.className = 'bare';
+        style.textContent = '.tp-hud{display:none} body{background:#000!important}';
+        document.head.append(style);
+        }"""
+    )
 
 
 def green_centre(image: np.ndarray) -> np.ndarray:
@@ -123,20 +153,20 @@ def green_centre(image: np.ndarray) -> np.ndarray:
 
 
 def test_the_page_loads_from_its_own_server_alone(browser: BrowserContext, station: Any) -> None:
-    requests: list[Request] = []
+    urls: list[str] = []
     errors: list[str] = []
     opened = browser.new_page()
-    opened.on("request", requests.append)
+    opened.on("request", lambda request: urls.append(request.url))
     opened.on("pageerror", lambda error: errors.append(str(error)))
     opened.goto(f"{station.port.url}?fixedDpr=1")
     opened.wait_for_function(READY, timeout=40_000)
     own = (station.port.url, f"ws://127.0.0.1:{station.port.gate.port}/", "blob:", "data:")
-    assert [r.url for r in requests if not r.url.startswith(own)] == []
+    assert [url for url in urls if not url.startswith(own)] == []
     assert errors == []
     opened.close()
 
 
-def test_nothing_of_vizers_widgets_is_seen(page: Page) -> None:
+def test_nothing_of_visers_widgets_is_seen(page: Page) -> None:
     visible = page.evaluate(
         "[...document.querySelectorAll('#root *')]"
         ".filter(e => getComputedStyle(e).visibility === 'visible').map(e => e.tagName)"
@@ -152,9 +182,10 @@ def test_nothing_of_vizers_widgets_is_seen(page: Page) -> None:
 
 @pytest.mark.parametrize(("width", "height"), [(1280, 800), (1920, 1080)])
 def test_the_parts_of_the_page_do_not_overlap(page: Page, width: int, height: int) -> None:
-    page.set_viewport_size({"width": width, "height": height})
     page.wait_for_function(f"{PAGE}.panels._panels.size === 2")
-    page.wait_for_timeout(300)
+    page.evaluate("document.querySelector('#root').style.display = 'none'")  # rest: it is slow
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_timeout(100)
     names = [".tp-header", ".tp-objects-card", ".tp-panels", ".tp-bar"]
     boxes = [page.locator(name).bounding_box() for name in names]
     for i, a in enumerate(boxes):
@@ -172,6 +203,8 @@ def test_the_parts_of_the_page_do_not_overlap(page: Page, width: int, height: in
             )
             assert apart, (a, b)
     assert page.evaluate("document.documentElement.scrollWidth") <= width
+    page.set_viewport_size(SIZE)  # type: ignore[arg-type]  # a dict of the two sizes
+    page.evaluate("document.querySelector('#root').style.display = ''")
 
 
 def test_the_robot_moves(page: Page) -> None:
@@ -234,18 +267,10 @@ def test_a_ghost_behind_walls_is_seen_from_every_side(page: Page, station: Any) 
     states = dict(station.scene.states)
     station.scene.states["peg"] = TrackState.BRIDGED
     bare(page)
-    page.evaluate(
-        f"""() => {{
-        window.hide = [];
-        {PAGE}.hidden.add('KeyG'); {PAGE}.hidden.add('KeyC');
-        {PAGE}.viser.beforeRender(() => {{
-          for (const n of window.hide) {PAGE}.viser.node(n).visible = false;
-        }});
-        }}"""
-    )
     page.wait_for_function(f"{PAGE}.viser.node('/site/objects/peg/bridged').visible")
     others = [f"/site/objects/{s}" for s in states if s not in ("peg", "plate")]
-    others += ["/site/robot", "/site/tool", "/site/ground", "/site/objects/plate/tracked"]
+    others += [f"/site/{n}" for n in ("robot", "tool", "ground", "raw", "cameras")]
+    others += ["/site/objects/plate/tracked"]
     peg, walls = "/site/objects/peg", "/site/objects/plate/walls"
 
     def picture(*hidden: str) -> np.ndarray:
@@ -275,9 +300,8 @@ def test_a_ghost_behind_walls_is_seen_from_every_side(page: Page, station: Any) 
 
 def test_a_second_tab_has_its_own_view(page: Page, browser: BrowserContext, station: Any) -> None:
     page.keyboard.press("7")
-    other = open_page(browser, station.port.url)
-    other.keyboard.press("6")
-    settle(other, 8)
+    other = open_page(browser, station.port.url, hash_text="#view=top")
+    settle(other, 2)
     camera = f"[...{PAGE}.viser.camera.matrixWorld.elements]"
     first, second = page.evaluate(camera), other.evaluate(camera)
     assert np.abs(np.subtract(first, second)).max() > 0.5
@@ -337,14 +361,9 @@ def test_the_image_lies_on_the_scene_to_the_pixel(page: Page, station: Any) -> N
     in_front_of_the_hand(station)
     page.keyboard.press("4")
     bare(page)
-    page.evaluate(
-        f"""() => {PAGE}.viser.beforeRender(() => {{
-        for (const n of ['robot', 'tool', 'raw', 'ground'])
-          {PAGE}.viser.node('/site/' + n).visible = false;
-        for (const n of {[s for s in station.scene.states if s != "mark"]!r})
-          {PAGE}.viser.node('/site/objects/' + n).visible = false;
-        }})"""
-    )
+    hidden = [f"/site/{n}" for n in ("robot", "tool", "raw", "ground")]
+    hidden += [f"/site/objects/{s}" for s in station.scene.states if s != "mark"]
+    page.evaluate(f"window.hide = {hidden!r}")
     page.wait_for_function(f"{PAGE}.overlay.header?.camera === 'hc'", timeout=20_000)
     page.wait_for_timeout(1500)
     centres = []
@@ -417,8 +436,7 @@ def process() -> Iterator[tuple[subprocess.Popen[str], str]]:
     started = start_station(0)
     yield started
     started[0].send_signal(signal.SIGCONT)
-    started[0].kill()
-    started[0].wait()
+    end(started[0])
 
 
 def start_station(port: int) -> tuple[subprocess.Popen[str], str]:
@@ -430,6 +448,13 @@ def start_station(port: int) -> tuple[subprocess.Popen[str], str]:
     )
     assert process.stdout is not None
     return process, process.stdout.readline().strip()
+
+
+def end(process: subprocess.Popen[str]) -> None:
+    process.kill()
+    process.wait()
+    assert process.stdout is not None
+    process.stdout.close()
 
 
 def test_a_frozen_station_is_never_mistaken_for_a_still_one(
@@ -461,23 +486,23 @@ def test_a_tab_without_focus_comes_back_when_the_station_does(
     second = None
     try:
         opened = open_page(browser, url)
-        browser.new_page().bring_to_front()
+        cover = browser.new_page()
+        cover.bring_to_front()
         first.kill()
         first.wait()
         opened.locator(".tp-alarm").wait_for(state="visible", timeout=5000)
         second, _ = start_station(int(url.rsplit(":", 1)[1].strip("/")))
         opened.locator(".tp-alarm").wait_for(state="hidden", timeout=15_000)
         opened.wait_for_function(f"{PAGE}.viser.node('/site/robot/link_3/body') !== undefined")
+        cover.close()
         opened.close()
     finally:
         for process in (first, second):
             if process is not None:
-                process.kill()
-                process.wait()
+                end(process)
 
 
-def test_a_replay_wears_its_badge(browser: BrowserContext, tmp_path: Path) -> None:
-    del tmp_path
+def test_a_replay_wears_its_badge(browser: BrowserContext) -> None:
     made = load_station().FakeStation(settings=GateSettings(port=0))
     done = threading.Event()
 
