@@ -102,11 +102,10 @@ class MeshData:
 
     @property
     def watertight(self) -> bool:
-        """Whether every part is closed."""
-        return all(
-            trimesh.Trimesh(p.vertices, p.faces, process=False, merge_norm=True).is_watertight
-            for p in self.parts
-        )
+        """Whether the surface is closed, corners at one place taken as one."""
+        whole: Any = trimesh.Trimesh(self.vertices, self.faces, process=False)
+        whole.merge_vertices()
+        return bool(whole.is_watertight)
 
     def without(self, prefix: str) -> MeshData:
         """Return the mesh less the parts whose name starts so (`tag_`: printed markers)."""
@@ -287,7 +286,8 @@ def srgb(factor: list[float]) -> Bytes:
 
 
 def _texture(material: Any, *, path: Path) -> Bytes | None:
-    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    """Return the embedded picture; only GLB embeds one, others would be files elsewhere."""
+    image = getattr(material, "baseColorTexture", None)
     if image is None:
         return None
     check_image(image.size, path=path)

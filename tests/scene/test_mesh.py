@@ -132,6 +132,14 @@ def test_every_format_loads(tmp_path: Path) -> None:
     assert len(loaded(tmp_path, "a.glb", glb()).faces) == 12
 
 
+def test_a_closed_surface_is_found_even_where_corners_are_not_shared(tmp_path: Path) -> None:
+    box = box_mesh(np.ones(3))
+    soup = box.vertices[box.faces]
+    assert loaded(tmp_path, "a.stl", stl(soup)).watertight
+    assert loaded(tmp_path, "a.glb", to_glb(box)).watertight
+    assert not loaded(tmp_path, "b.stl", stl(soup[:-1])).watertight
+
+
 @pytest.mark.parametrize(
     ("name", "data", "said"),
     [
