@@ -31,7 +31,10 @@ REFUSED_WEIGHT = 0.15
 CORNER_FLOOR_PX, CORNER_PER_SCATTER = 0.06, 0.6
 """Corner noise [px] = floor, plus this share of the scatter of the edge points."""
 _SCORE_CAP_PX = 8.0
-_COLD, _WARM = (16.0, 8.0, 4.0, 2.0, 1.0, 1.0, 1.0), (4.0, 2.0, 1.0, 1.0)
+_SETTLED = 2e-6
+"""A descent ends when no component of its step exceeds this [m or rad]."""
+_COLD = (16.0, 8.0, 4.0, 2.0, *[1.0] * 8)
+_WARM = (4.0, 2.0, *[1.0] * 6)
 _SOFT_PX = 0.3
 """Differences in fit below it are noise: there the prediction decides [px]."""
 _PRIOR_CAP = 40.0
@@ -200,7 +203,7 @@ def _descend(problem: _Problem, start: Array, schedule: tuple[float, ...]) -> Ar
             return pose
         step *= min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-12))
         pose = pose @ Pose[Object, Object].exp(step).matrix
-        if scale <= 1.0 and np.abs(step).max() < 1e-7:
+        if scale <= 1.0 and np.abs(step).max() < _SETTLED:
             break
     return pose
 

@@ -1,7 +1,7 @@
 """How much a pose may be trusted: the contract's four states.
 
 TRACKED  last fix at most `tracked_ns` older than the measured delay of the image stream
-BRIDGED  static, no fix, motion at most `bridged_motion_ns` old, 3 sigma within its limit
+BRIDGED  no fix, static or held, motion at most `bridged_motion_ns` old, 3 sigma within its limit
 STALE    otherwise; the pose is held
 LOST     STALE for over `lost_after_ns`, never seen, or another world of the odometry
 """

@@ -241,4 +241,5 @@ class TrackerState:
     @property
     def delay_ns(self) -> int:
         """Measured delay of the image stream: the running median [ns]."""
-        return max(int(np.median(self.delays_ns)), 0) if self.delays_ns else 0
+        middle = len(self.delays_ns) // 2
+        return max(sorted(self.delays_ns)[middle], 0) if self.delays_ns else 0

@@ -17,6 +17,7 @@ same way, with large doubt: whoever needs a world that is really one compares re
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 
@@ -47,32 +48,26 @@ class _Entry:
 
 
 class MotionHistory:
-    """Samples of one camera, the newest last."""
+    """Samples of one camera, the newest last; one thread may put while others read."""
 
     def __init__(self, *, span_ns: int = SPAN_NS) -> None:
         """Make an empty history that keeps `span_ns` behind the newest sample."""
         self._buffer: StampedBuffer[_Entry] = StampedBuffer(name="camera motion", span_ns=span_ns)
+        self._lock = Lock()
         self.jumps = 0
         """Jumps replaced so far, flagged or found."""
 
     @property
     def newest(self) -> MotionSample | None:
         """The sample with the largest stamp, its pose freed of jumps."""
-        held = self._buffer.newest
+        with self._lock:
+            held = self._buffer.newest
         return None if held is None else held.value.sample
 
     def put(self, sample: MotionSample) -> bool:
         """Store a sample; return False for one already held or too old."""
-        newest = self._buffer.newest
-        if newest is None:
-            return self._buffer.put(sample.stamp_ns, _Entry(sample, Pose.identity(), 0.0))
-        if sample.stamp_ns > newest.stamp_ns:
-            return self._buffer.put(sample.stamp_ns, self._joined(newest.value, sample))
-        try:
-            older = self._buffer.at_or_before(sample.stamp_ns).value
-        except StampError:
-            return False
-        return self._buffer.put(sample.stamp_ns, _placed(sample, older.T_cont_w, older.doubt_m2))
+        with self._lock:
+            return self._put(sample)
 
     def at(self, stamp_ns: int, *, horizon_ns: int = HORIZON_NS) -> MotionSample:
         """Return the motion at a stamp: interpolated, or carried on from the newest sample.
@@ -87,17 +82,32 @@ class MotionHistory:
             )
         if stamp_ns >= newest.stamp_ns:
             return extrapolate(newest, stamp_ns=stamp_ns, horizon_ns=horizon_ns)
-        return self._buffer.interpolate(stamp_ns, _blend).sample
+        with self._lock:
+            return self._buffer.interpolate(stamp_ns, _blend).sample
 
     def doubt_m2(self, *, since_ns: int) -> float:
         """Return the variance [m^2] that jumps replaced after a stamp have added."""
+        with self._lock:
+            newest = self._buffer.newest
+            if newest is None:
+                return 0.0
+            try:
+                then = self._buffer.at_or_before(since_ns)
+            except StampError:
+                return newest.value.doubt_m2
+            return newest.value.doubt_m2 - then.value.doubt_m2
+
+    def _put(self, sample: MotionSample) -> bool:
         newest = self._buffer.newest
         if newest is None:
-            return 0.0
+            return self._buffer.put(sample.stamp_ns, _Entry(sample, Pose.identity(), 0.0))
+        if sample.stamp_ns > newest.stamp_ns:
+            return self._buffer.put(sample.stamp_ns, self._joined(newest.value, sample))
         try:
-            return newest.value.doubt_m2 - self._buffer.at_or_before(since_ns).value.doubt_m2
+            older = self._buffer.at_or_before(sample.stamp_ns).value
         except StampError:
-            return newest.value.doubt_m2
+            return False
+        return self._buffer.put(sample.stamp_ns, _placed(sample, older.T_cont_w, older.doubt_m2))
 
     def _joined(self, last: _Entry, sample: MotionSample) -> _Entry:
         dt_ns = sample.stamp_ns - last.sample.stamp_ns

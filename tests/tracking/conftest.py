@@ -78,7 +78,7 @@ class Run:
         return float(np.sqrt(np.mean(np.square(off))))
 
 
-def true_T_w_cam(t: float) -> Pose[W, Cam]:
+def T_w_cam_true(t: float) -> Pose[W, Cam]:
     """A double pendulum seen from the arm: .25 m/s, .25 rad/s, looking down along -z."""
     position = (
         0.10 * math.sin(2.2 * t),
@@ -91,7 +91,7 @@ def true_T_w_cam(t: float) -> Pose[W, Cam]:
 
 def true_twist(t: float) -> np.ndarray:
     h = 1e-4
-    step: Pose[Cam, Cam] = true_T_w_cam(t - h).inverse() @ true_T_w_cam(t + h)
+    step: Pose[Cam, Cam] = T_w_cam_true(t - h).inverse() @ T_w_cam_true(t + h)
     return step.log() / (2 * h)
 
 
@@ -130,7 +130,7 @@ class Odometry:
         twist_noise = np.array([*([5e-3] * 3), *([2.4e-3] * 3)]) * self._rng.normal(size=6)
         return MotionSample(
             stamp_ns=START_NS + round(t * 1e9),
-            T_w_cam=self._T_w_true @ true_T_w_cam(t) @ Pose[Cam, Cam].exp(white),
+            T_w_cam=self._T_w_true @ T_w_cam_true(t) @ Pose[Cam, Cam].exp(white),
             xi_w_cam_cam=true_twist(t) + twist_noise,
             acceleration_cam=np.zeros(3),
             reset_count=self._reset,
@@ -146,7 +146,7 @@ class Theatre:
     image_ms: int = 100
     noise: float = 1.5
     odometry: Odometry = field(default_factory=Odometry)
-    hidden: Callable[[float, str], bool] = lambda t, slug: False  # noqa: E731, ARG005 - a default
+    hidden: Callable[[float, str], bool] = lambda t, slug: False  # noqa: ARG005 - a default
     motion_stops_s: float = math.inf
 
     def play(self, *, duration_s: float, method: str = "joint") -> Run:
@@ -178,7 +178,7 @@ class Theatre:
         return run
 
     def _image(self, painter: Painter, t: float, rng: np.random.Generator) -> GrayImage:
-        T_cam_w = true_T_w_cam(t).inverse()
+        T_cam_w = T_w_cam_true(t).inverse()
         shown = {s: T_cam_w @ T for s, T in self.Ts_w_object.items() if not self.hidden(t, s)}
         gray = cv2.cvtColor(painter.render(shown), cv2.COLOR_RGB2GRAY).astype(np.float32)
         gray += rng.standard_normal(gray.shape, dtype=np.float32) * self.noise
@@ -194,7 +194,7 @@ class Theatre:
         for item in output.objects:
             if item.T_cam_object is None:
                 continue
-            truth = true_T_w_cam(t).inverse() @ self.Ts_w_object[item.slug]
+            truth = T_w_cam_true(t).inverse() @ self.Ts_w_object[item.slug]
             off_m, off_rad = truth.distance_to(item.T_cam_object)
             step = 0.0
             if item.slug in last:
