@@ -70,7 +70,8 @@ class LockstepSite:
         self._epoch_ns = clock.now_ns()
         self._outlet = Outlet(staging.scenario.streams, seed=staging.seed, sink=self._deliver)
         cameras = staging.site.cameras
-        self._rates_hz = dict(rates_hz or {name: c.rate_hz for name, c in cameras.items()})
+        own = {name: camera.rate_hz for name, camera in cameras.items()}
+        self._rates_hz = own if rates_hz is None else dict(rates_hz)
         plant = build_plant(staging)
         self.rig = Rig(plant, staging=staging, outlet=self._outlet, rates_hz=self._rates_hz)
         self._commands = bus.subscribe(staging.keys.all_commands, capacity=_COMMANDS)

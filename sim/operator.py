@@ -13,17 +13,18 @@ from typing import TypeVar
 
 from scene.builder import SceneBuilder
 from scene.database import Database
-from scene.graph import SceneState
+from scene.graph import ObjectNode, SceneState
 from scene.robot import Robot
 from scene.site import Site
-from sim.hand import Hand, HandModel
-from sim.plan import PLANS, goal
+from sim.hand import Grip, Hand, HandModel
+from sim.plan import PLANS, Phase, goal
 from sim.rig import TOOL_COMMAND
 from spatial.errors import InputError, MessageError, unknown
 from spatial.frames import Base, Tcp
 from spatial.pose import Pose
 from spatial.samples import ToolCommand
 from spatial.stamp import NS_PER_MS, Clock, seconds
+from spatial.tracked import TrackState
 from wire.bus import Bus, Sample
 from wire.codec import decode_joints, decode_tracked, encode
 from wire.keys import Keys
@@ -86,6 +87,8 @@ class Operator:
         self._model = model or HandModel()
         self._hand: Hand | None = None
         self._start: Pose[Base, Tcp] = Pose.identity()
+        self._grip: str | None = None
+        self._T_base_grip: Pose[Base, Grip] = Pose.identity()
         self._start_ns = 0
         self._last_ns = 0
         self._sequence = 0
@@ -117,36 +120,61 @@ class Operator:
     def _sit_down(self, scene: SceneState, now_ns: int) -> None:
         self._start = scene.T_base_tcp
         self._start_ns = self._last_ns = now_ns
-        self._hand = Hand(self._model, start=self._start, seed=self._seed)
+        self._hand = Hand(self._model, start=Pose(self._start.matrix), seed=self._seed)
+        self._grip = None
+        self._T_base_grip = Pose.identity()
 
     def _command(self, scene: SceneState, now_ns: int) -> None:
-        assert self._hand is not None
         time_s = seconds(now_ns - self._start_ns)
         phase = self._plan.at(time_s)
         if phase.name != self.phase:
             log.debug("operator: %s", phase.name)
             self.phase = phase.name
+        target = self._shown_target(scene)
         wanted = goal(
             phase,
             time_s=time_s,
             T_base_tcp_start=self._start,
-            Ts_base_frame=self._shown_frames(scene),
+            Ts_base_frame={} if target is None else self._shown_frames(target),
         )
-        dt_s = seconds(now_ns - self._last_ns)
-        pose = self._hand.step(wanted, now_s=time_s, dt_s=dt_s)
+        hand = self._hold(phase, target)
+        T_grip_tcp = hand.step(
+            self._T_base_grip.inverse() @ wanted,
+            now_s=time_s,
+            dt_s=seconds(now_ns - self._last_ns),
+        )
         self._sequence += 1
-        message = encode(ToolCommand(now_ns, self._sequence, TTL_NS, pose))
+        command = ToolCommand(now_ns, self._sequence, TTL_NS, self._T_base_grip @ T_grip_tcp)
+        message = encode(command)
         self._bus.publish(self._key, message.payload, schema=message.schema)
 
-    def _shown_frames(self, scene: SceneState) -> dict[str, Pose[Base, Tcp]]:
-        """Return the target's named frames as the page would show them."""
+    def _hold(self, phase: Phase, target: ObjectNode | None) -> Hand:
+        """Hold on to the target where the phase is about it and it is shown, else to the base."""
+        assert self._hand is not None
+        grip, T_base_grip = None, Pose[Base, Grip].identity()
+        if phase.frame is not None and target is not None and target.T_base_object is not None:
+            grip, T_base_grip = target.slug, Pose(target.T_base_object.matrix)
+        if grip != self._grip:
+            self._hand.regrip(T_base_grip.inverse() @ self._T_base_grip)
+            self._grip = grip
+        self._T_base_grip = T_base_grip
+        return self._hand
+
+    def _shown_target(self, scene: SceneState) -> ObjectNode | None:
+        """Return the target as the page shows it, `None` where it is LOST or was never seen."""
         for node in scene.objects:
-            if node.slug == self._site.target and node.T_base_object is not None:
-                return {
-                    name: Pose((node.T_base_object @ frame.T_object_frame).matrix)
-                    for name, frame in self._frames.items()
-                }
-        return {}
+            if node.slug == self._site.target and node.state is not TrackState.LOST:
+                return node
+        return None
+
+    def _shown_frames(self, target: ObjectNode) -> dict[str, Pose[Base, Tcp]]:
+        """Return the target's named frames as the page would show them."""
+        if target.T_base_object is None:
+            return {}
+        return {
+            name: Pose((target.T_base_object @ frame.T_object_frame).matrix)
+            for name, frame in self._frames.items()
+        }
 
     def _heard(self, samples: list[Sample], decode: Callable[[bytes], T]) -> list[T]:
         """Decode what can be; the rest is counted and dropped."""

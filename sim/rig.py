@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from scene.database import Database
 from scene.robot import Robot
@@ -19,7 +19,7 @@ from sim.scenario import Scenario
 from sim.sensors import STEPS_PER_S, Sensors, is_due
 from sim.truth import true_cameras, true_markers
 from sim.vio import level_named
-from sim.world import load_world
+from sim.world import World, load_world
 from spatial.errors import MessageError
 from spatial.frames import Base, Tcp, W
 from spatial.pose import Pose
@@ -57,7 +57,7 @@ class Staging:
 def build_plant(staging: Staging) -> Plant:
     """Return the plant of a session, with true values drawn around the nominal ones."""
     site, scenario = staging.site, staging.scenario
-    world = load_world(scenario.world)
+    world = _staged(load_world(scenario.world), scenario)
     entries = (staging.database.entry(place.slug) for place in world.placements)
     marked = [entry.marked() for entry in entries if entry.markers]
     return Plant(
@@ -68,6 +68,23 @@ def build_plant(staging: Staging) -> Plant:
         cameras=true_cameras(site, scenario=scenario, seed=staging.seed),
         markers=true_markers(marked, scenario=scenario, seed=staging.seed),
         seed=staging.seed,
+    )
+
+
+def _staged(world: World, scenario: Scenario) -> World:
+    """Return the world as a scenario wants it."""
+    sway = world.sway
+    if scenario.slow_sway_m is not None:
+        sway = replace(sway, slow_m=scenario.slow_sway_m)
+    if scenario.fast_sway_m is not None:
+        sway = replace(sway, fast_m=scenario.fast_sway_m)
+    return replace(
+        world,
+        sway=sway,
+        shades=world.shades if scenario.shade else (),
+        placements=tuple(
+            replace(place, free=place.free and scenario.loose) for place in world.placements
+        ),
     )
 
 

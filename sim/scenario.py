@@ -1,6 +1,7 @@
 """A scenario: what a simulated session is like, in one file beside the world it plays in.
 
-    name, world, operator, vio, shade, calibration_error, processing_ms
+    name, world, operator, vio, shade, loose, calibration_error, processing_ms
+    [sway]               slow_m, fast_m              amplitudes, where they differ from the world's
     [clock]              offset_s, skew_ppm          the site's clock, where site.toml measures it
     [errors]             how far true values lie from the nominal ones of site.toml (ranges)
     [stream.NAME]        delay_ms, jitter_ms, loss, reorder    NAME is one of STREAMS
@@ -77,6 +78,12 @@ class Scenario:
     """Quality level of the odometry."""
     shade: bool = True
     """Whether hard shadows lie across tags."""
+    loose: bool = True
+    """Whether contact can move what the world calls free; else everything stays in place."""
+    slow_sway_m: float | None = None
+    """Amplitude of the cable's swing [m]; the world's where left out."""
+    fast_sway_m: float | None = None
+    """Amplitude of the platform's rocking [m]; the world's where left out."""
     calibration_error: float = 1.0
     """Scales every error of calibration; 0 makes the nominal values true."""
     processing_ms: float = 15.0
@@ -122,12 +129,16 @@ def load_scenario(name: str, *, folder: Path = SCENARIOS) -> Scenario:
     path = folder / f"{name}.toml"
     reader = TableReader(read_toml(path), path=path)
     clock = reader.table("clock", optional=True)
+    sway = reader.table("sway", optional=True)
     scenario = Scenario(
         name=reader.text("name"),
         world=reader.text("world"),
         operator=reader.choice("operator", OPERATORS, default="idle"),
         vio=reader.choice("vio", tuple(LEVELS), default="nominal"),
         shade=reader.flag("shade", default=True),
+        loose=reader.flag("loose", default=True),
+        slow_sway_m=sway.number("slow_m", least=0.0) if "slow_m" in sway else None,
+        fast_sway_m=sway.number("fast_m", least=0.0) if "fast_m" in sway else None,
         calibration_error=reader.number("calibration_error", default=1.0, least=0.0),
         processing_ms=reader.number("processing_ms", default=15.0, least=0.0),
         clock_offset_s=clock.number("offset_s", default=60.0, least=0.0),
@@ -136,6 +147,7 @@ def load_scenario(name: str, *, folder: Path = SCENARIOS) -> Scenario:
         streams=_streams(reader.table("stream", optional=True)),
     )
     clock.finish()
+    sway.finish()
     reader.finish()
     return scenario
 

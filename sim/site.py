@@ -72,7 +72,7 @@ class LiveSite:
             backend: renderer, the best that works here when left out.
             rates_hz: frame rate by camera; `live_rates` when left out.
         """
-        rates = dict(rates_hz or live_rates(staging))
+        rates = live_rates(staging) if rates_hz is None else dict(rates_hz)
         streams, seed = staging.scenario.streams, staging.seed
         self._bus = bus
         self._clock = clock
@@ -96,6 +96,11 @@ class LiveSite:
         self._late_ns = 0
         self._told_ns = 0
         self._failure: BaseException | None = None
+
+    @property
+    def renderer(self) -> str:
+        """Renderer of the images; empty until the first context is open."""
+        return self._cameras.renderer
 
     def run(self, stop: threading.Event) -> None:
         """Run until `stop` is set or something fails.

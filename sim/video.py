@@ -65,7 +65,9 @@ class VideoEncoder:
         height, width = rgb.shape[:2]
         scale = min(1.0, VIDEO_WIDTHS[self._size] / width)
         size = (round(scale * width), round(scale * height))
-        small = rgb if scale == 1.0 else cv2.resize(rgb, size, interpolation=cv2.INTER_AREA)
+        # halving by linear interpolation is the mean of four pixels, and three times cheaper
+        how = cv2.INTER_LINEAR if scale >= 0.5 else cv2.INTER_AREA
+        small = rgb if scale == 1.0 else cv2.resize(rgb, size, interpolation=how)
         data = encode_jpeg(np.asarray(small), quality=self.quality)
         self._adapt(math.log(len(data) / self._budget))
         return ImageSample(self._camera, stamp_ns, data)
