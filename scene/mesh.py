@@ -30,6 +30,8 @@ from spatial.rotation import Array
 
 Bytes = NDArray[np.uint8]
 Indices = NDArray[np.int64]
+FARTHEST_M = 1e9
+"""Coordinates beyond it are no place of anything, and overflow what a browser takes."""
 GREY = (180, 184, 190, 255)
 
 
@@ -147,8 +149,9 @@ def load_mesh(path: Path) -> MeshData:
     data = read_bytes(path)
     check_bytes(data, kind, path=path)
     try:
-        scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
-        parts = _parts(scene, base_colors(data) if kind == "glb" else {}, path=path)
+        with np.errstate(invalid="ignore", over="ignore"):
+            scene = trimesh.load_scene(io.BytesIO(data), file_type=kind, process=False)
+            parts = _parts(scene, base_colors(data) if kind == "glb" else {}, path=path)
     except FileInputError:
         raise
     except (Exception, RecursionError, MemoryError) as error:
@@ -215,8 +218,9 @@ def _part(
     vertices = (
         np.array(geometry.vertices, dtype=np.float64) @ T_mesh_part[:3, :3].T + T_mesh_part[:3, 3]
     )
-    if not np.isfinite(vertices).all():
-        raise FileInputError(f"part {name!r} has a vertex that is not finite", path=path)
+    if not (np.abs(vertices) < FARTHEST_M).all():
+        message = f"part {name!r} has a vertex that is not finite and below {FARTHEST_M:g} m"
+        raise FileInputError(message, path=path)
     if faces.min() < 0 or faces.max() >= len(vertices):
         message = f"part {name!r} has an index outside 0 to {len(vertices) - 1}"
         raise FileInputError(message, path=path)
