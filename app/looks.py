@@ -7,6 +7,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from app.walls import WallLook, crease_edges, wall_look
 from scene.fixture import Fixture
@@ -19,8 +21,10 @@ from spatial.rotation import Array
 
 BRIDGED_RGBA = (240, 184, 92, 120)
 STALE_RGBA = (112, 118, 124, 255)
-MAX_OUTLINE = 6000
-"""Segments of an outline; more would be mush."""
+MAX_OUTLINE = 1500
+"""Segments of an outline."""
+OUTLINE_SHARE = 0.22
+"""Lines that span less of the object's diagonal are left out."""
 _LOG = logging.getLogger(__name__)
 
 
@@ -121,8 +125,27 @@ def _walls(slug: str, fixtures: Iterable[Fixture]) -> tuple[WallLook, ...]:
 
 
 def _outline(mesh: MeshData) -> Array:
+    """Return the lines that tell the shape: bolts and fillets would only be mush."""
     edges = crease_edges(mesh.vertices, mesh.faces)
-    if len(edges) > MAX_OUTLINE:
-        longest = np.argsort(-np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1))[:MAX_OUTLINE]
-        edges = edges[longest]
-    return edges
+    if not len(edges):
+        return edges
+    line = _lines_of(edges)
+    diagonal = float(np.linalg.norm(mesh.extents_m))
+    order = np.argsort(line, kind="stable")
+    starts = np.flatnonzero(np.diff(line[order], prepend=-1))
+    low = np.minimum.reduceat(edges[order].min(axis=1), starts)
+    high = np.maximum.reduceat(edges[order].max(axis=1), starts)
+    sizes = np.linalg.norm(high - low, axis=1)
+    kept = edges[sizes[line] >= min(OUTLINE_SHARE * diagonal, sizes.max())]
+    longest = np.argsort(-np.linalg.norm(kept[:, 1] - kept[:, 0], axis=1))[:MAX_OUTLINE]
+    return np.asarray(kept[np.sort(longest)])
+
+
+def _lines_of(edges: Array) -> np.ndarray:
+    """Return the number 0, 1, ... of the connected line each segment (n, 2, 3) is part of."""
+    _, ends = np.unique(np.round(edges.reshape(-1, 3), 7), axis=0, return_inverse=True)
+    pairs = ends.reshape(-1, 2)
+    count = int(pairs.max()) + 1
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, labels = connected_components(graph, directed=False)
+    return np.asarray(np.unique(labels[pairs[:, 0]], return_inverse=True)[1].reshape(-1))

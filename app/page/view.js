@@ -55,7 +55,7 @@ export class View extends EventTarget {
     if (preset.from) this._lookFrom(preset.from);
     else if (id === "tool") this._pivotOn("/site/tool", null);
     else if (id === "ride") this._pivotOn("/site/tool", null, { turn: true });
-    else if (id === "target") this._pivotOn(this._targetNode(), 0.8, { from: [0.7, -0.65, 0.6] });
+    else if (id === "target") this._pivotOn(this._targetNode(), 1.15, { from: [0.7, -0.65, 0.6] });
     this._overlay.lock(preset.camera ?? null);
     this.dispatchEvent(new Event("change"));
     this.viser.requestRender();
