@@ -8,6 +8,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import scipy.spatial
+import trimesh
 
 from assets.generate import objects as object_generator
 from assets.generate import robot as robot_generator
@@ -109,6 +111,19 @@ def test_the_hook_fits_under_the_handle(database: Database) -> None:
     bar_distance = np.hypot(points[:, 0], points[:, 2] + 0.01)
     assert bar_distance.min() > 0.01 - 1e-3, "no part of the tool is where the bar is"
     assert np.isclose(bar_distance.min(), 0.01, atol=1e-3), "the bar lies in the bowl"
+
+
+def test_no_convex_piece_fills_the_handle(database: Database) -> None:
+    """Physics takes hulls of connected pieces: none may close the way of the hook."""
+    mesh = database.entries["cage"].mesh
+    whole = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False)
+    whole.merge_vertices()
+    way = np.array([(x, 0.0, z) for x in (-0.06, 0.0, 0.06) for z in (0.16, 0.2, 0.26)])
+    for piece in whole.split(only_watertight=False):
+        if np.ptp(piece.vertices, axis=0).min() > 1e-4:
+            planes = scipy.spatial.ConvexHull(piece.vertices).equations
+            inside = (way @ planes[:, :3].T + planes[:, 3] < 0).all(axis=1)
+            assert not inside.any(), piece.bounds
 
 
 def test_markers_are_real_and_as_drawn(database: Database) -> None:

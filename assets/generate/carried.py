@@ -1,4 +1,8 @@
-"""The things that are handled: peg, cage, crawler and hook."""
+"""The things that are handled: peg, cage, crawler and hook.
+
+Bent bars are made of short pieces that are not joined: physics takes the convex hull of each piece
+that hangs together, and a hook has to find its way under a handle and through an eye.
+"""
 
 from __future__ import annotations
 
@@ -58,8 +62,9 @@ def peg() -> Thing:
     body.add(ORANGE, cylinder(0.034, 0.14, 0.152, bevel=0.003, sides=36))
     body.add(ANODISED, placed(bevelled_box((0.062, 0.062, 0.066), 0.004), (0, 0, 0.185)))
     body.add(ORANGE, placed(bevelled_box((0.064, 0.064, 0.006), 0.002), (0, 0, 0.221)))
-    eye = arc((0.0, 0.0, 0.262), 0.036, 0.0, 360.0, steps=41)[:-1]
-    body.add(STEEL, swept(eye, 0.007, sides=14, closed=True))
+    for start in range(0, 360, 36):
+        piece = arc((0.0, 0.0, 0.262), 0.036, start - 1.0, start + 37.0, steps=6)
+        body.add(STEEL, swept(piece, 0.007, sides=14))
     body.add(STEEL, cylinder(0.013, 0.222, 0.232, bevel=0.002, sides=20))
     sides = ((1, 0), (0, 1), (-1, 0), (0, -1))
     tags = tuple(
@@ -122,10 +127,11 @@ def cage() -> Thing:
     body = Body()
     _cage_frame(body)
     _saddles(body)
-    bends = [(-0.12, 0.0, 0.13), (-0.12, 0.0, 0.265)]
-    bends += [tuple(p) for p in arc((-0.08, 0, 0.265), 0.04, 180.0, 90.0, steps=7)[1:]]
-    bends += [tuple(p) for p in arc((0.08, 0, 0.265), 0.04, 90.0, 0.0, steps=7)]
-    body.add(YELLOW, swept(np.array([*bends, (0.12, 0.0, 0.13)]), 0.01, sides=16))
+    for side, start in ((-1, 90.0), (1, 0.0)):
+        bend = arc((side * 0.08, 0.0, 0.265), 0.04, start, start + 90.0, steps=8)
+        post = rod((side * 0.12, 0.0, 0.13), (side * 0.12, 0.0, 0.2655), 0.01)
+        body.add(YELLOW, post, swept(bend, 0.01, sides=16))
+    body.add(YELLOW, rod((-0.0805, 0.0, 0.305), (0.0805, 0.0, 0.305), 0.01))
     for x in (-0.12, 0.12):
         body.add(DARK, placed(cylinder(0.02, 0.129, 0.14, bevel=0.003, sides=20), (x, 0.0, 0.0)))
     body.add(DARK, rod((-0.05, 0.0, 0.305), (0.05, 0.0, 0.305), 0.0115, sides=16))

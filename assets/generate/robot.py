@@ -196,7 +196,7 @@ def _tube(length: float, y: float) -> list[str]:
 
 def _hook_solids() -> list[str]:
     """Return spheres along the hook's rod, close enough to slide along, and its housing."""
-    line = platform.hook_line(TOOL_LENGTH, steps=9)[1:]
+    line = platform.hook_line(TOOL_LENGTH)[1:]
     balls = [_sphere(0.01, tuple(point)) for point in line]
     shank = _cylinder(0.01, 0.15, (-0.05, 0, 0.135))
     return [_cylinder(0.041, 0.06, (0, 0, 0.03)), shank, *balls]
