@@ -173,7 +173,7 @@ class Supervisor:
             try:
                 process.wait(max(0.0, deadline - time.monotonic()))
             except subprocess.TimeoutExpired:
-                log.warning("a process did not end in %g s and was killed", STOP_GRACE_S)
+                log.warning("%s did not end in %g s and was killed", process.args, STOP_GRACE_S)
                 process.kill()
                 process.wait()
 
