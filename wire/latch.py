@@ -2,7 +2,8 @@
 
 A reader that wants them declares a liveliness token with its key expression in it. Every
 publisher watches these tokens and puts again what matches, whenever one appears: a new reader, a
-hub or a link that came back. A number on each latched message lets readers drop what they know.
+hub or a link that came back; and a few times more, since across two hubs a token may overtake
+the subscription it speaks for [5 of 12]. A number on each message lets readers drop what they know.
 Nobody keeps anything but its publisher, so hub and readers may restart at will.
 """
 
@@ -10,8 +11,10 @@ from __future__ import annotations
 
 import logging
 import secrets
+import time
 from collections.abc import Callable
-from threading import RLock, Thread
+from itertools import accumulate
+from threading import Event, RLock, Thread
 
 import zenoh
 
@@ -25,6 +28,9 @@ RING = 1024
 ID_BYTES = 8
 NUMBER_BYTES = 8
 JOIN_S = 2.0
+AGAIN_AFTER_S = (0.0, 0.2, 0.8, 2.0)
+"""Pauses before each answer to one token."""
+POLL_S = 0.05
 FIRST, AGAIN = b"\x00", b"\x01"
 
 
@@ -84,6 +90,7 @@ class LatchBook:
         self._lock = RLock()  # held while sending: an older message never follows a newer one
         self._session: zenoh.Session | None = None
         self._thread: Thread | None = None
+        self._stop = Event()
 
     def publish(self, sample: Sample) -> None:
         """Keep a message and send it."""
@@ -103,6 +110,7 @@ class LatchBook:
 
     def close(self) -> None:
         """See the watching thread off; the session is already closed."""
+        self._stop.set()
         if self._thread is not None:
             self._thread.join(JOIN_S)
 
@@ -120,20 +128,28 @@ class LatchBook:
 
     def _answer(self, subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]) -> None:
         tokens = subscriber.handler
+        pending: list[tuple[float, str]] = []  # when [s, monotonic] to answer which expression
         while True:
             try:
-                token = tokens.recv()
+                token = tokens.try_recv() if pending else tokens.recv()
             except zenoh.ZError:  # how zenoh says that the subscription has ended
                 log.debug("no more readers to latch for")
                 return
-            wanted = asked_for(str(token.key_expr))
-            if token.kind == zenoh.SampleKind.PUT and wanted is not None:
-                self._send_again(wanted)
+            now = time.monotonic()
+            wanted = asked_for(str(token.key_expr)) if token is not None else None
+            if token is not None and token.kind == zenoh.SampleKind.PUT and wanted is not None:
+                pending += [(now + after, wanted) for after in accumulate(AGAIN_AFTER_S)]
+            due = {wanted for when, wanted in pending if when <= now}
+            pending = [entry for entry in pending if entry[0] > now]
+            for expression in due:
+                self._send_again(expression)
+            if token is None:
+                self._stop.wait(POLL_S)
 
     def _send_again(self, wanted: str) -> None:
         with self._lock:
             for sample, number in self._kept.values():
-                if matches(wanted, sample.key):
+                if matches(wanted, sample.key) and not self._stop.is_set():
                     self._put(sample, number, AGAIN)
 
     def _put(self, sample: Sample, number: int, flag: bytes) -> None:
