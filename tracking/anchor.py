@@ -20,7 +20,7 @@ from spatial.pose import Pose
 from spatial.rotation import Array
 from spatial.stamp import nanoseconds
 from tracking.model import Anchor, Blend
-from tracking.propagation import HELD, MOBILE, STATIC, MotionNoise, growth
+from tracking.propagation import HELD, MOBILE, STATIC, UNMOVED, MotionNoise, growth
 
 GATE = 35.0
 """Largest squared Mahalanobis distance of a fix that is believed at once."""
@@ -40,7 +40,7 @@ _NOISES = {"static": STATIC, "held": HELD, "mobile": MOBILE}
 
 def noise_of(motion: str, *, in_world: bool) -> MotionNoise:
     """Return how fast a kind of motion makes a pose uncertain, in w or in the camera."""
-    return MOBILE if motion == "static" and not in_world else _NOISES[motion]
+    return UNMOVED if motion == "static" and not in_world else _NOISES[motion]
 
 
 def floor(distance_m: float) -> Array:

@@ -22,7 +22,7 @@ class Evidence:
     """What the state of one object follows from."""
 
     fix_age_ns: int
-    """Instant shown minus the image of the last fix [ns]."""
+    """Instant shown minus the image of the last fix, and what stopped motion adds [ns]."""
     delay_ns: int
     """Measured delay of the image stream [ns]."""
     motion_age_ns: int | None
@@ -48,14 +48,15 @@ def judged(evidence: Evidence, limits: Limits) -> tuple[TrackState, str]:
     if late <= 0:
         tags = "1 tag" if evidence.tags == 1 else f"{evidence.tags} tags"
         return TrackState.TRACKED, f"fix from {tags}"
+    age_ns = evidence.motion_age_ns
+    stopped = 0 if age_ns is None else max(age_ns - limits.bridged_motion_ns, 0)
     ended = late > limits.lost_after_ns
-    if not evidence.carrier or evidence.motion_age_ns is None:
+    if not evidence.carrier or age_ns is None:
         what = "and no motion" if evidence.carrier else "and motion may not carry it"
         return _stale(lost=ended), f"no tag for {since_s:.1f} s {what}"
-    stopped = evidence.motion_age_ns - limits.bridged_motion_ns
     why = f"no tag for {since_s:.1f} s"
     if stopped > 0:
-        why += f" and no motion for {seconds(evidence.motion_age_ns):.1f} s"
+        why += f" and no motion for {seconds(age_ns):.1f} s"
         return _stale(lost=ended and stopped > limits.lost_after_ns), why
     if evidence.sigma3_m > limits.bridged_sigma_m:
         why += f", 3 sigma {_MM * evidence.sigma3_m:.0f} mm"

@@ -55,11 +55,12 @@ def predict(
     covariances, before = _covariances(model, state, motion, poses, instant_ns)
     sigmas = _sigma3(covariances)
     sigmas_before = _sigma3(before)
-    age = None if newest is None else max((now_ns or instant_ns) - newest.stamp_ns, 0)
+    now = instant_ns if now_ns is None else max(now_ns, instant_ns)
+    age = None if newest is None else now - newest.stamp_ns
     objects = []
     for i, (item, memory) in enumerate(zip(model.objects, state.objects, strict=True)):
         evidence = Evidence(
-            fix_age_ns=instant_ns - memory.seen_ns,
+            fix_age_ns=_fix_age(model, memory.seen_ns, newest, instant_ns=instant_ns, now_ns=now),
             delay_ns=state.delay_ns,
             motion_age_ns=age,
             carrier=_carrier(model, item.motion, memory),
@@ -165,6 +166,25 @@ def _pose(
     return T_cam_object @ Pose[Object, Object].exp(share * item.blend.xi)
 
 
+def _fix_age(
+    model: TrackerModel,
+    seen_ns: int,
+    newest: MotionSample | None,
+    *,
+    instant_ns: int,
+    now_ns: int,
+) -> int:
+    """Return the age of the last fix [ns].
+
+    The instant shown stands still when motion stops, so that time is added; before a fix that is
+    younger than all motion, only the clock can age it, less a delay nobody has measured.
+    """
+    slack = model.limits.bridged_motion_ns
+    if newest is None or seen_ns > newest.stamp_ns:
+        return max(now_ns - seen_ns - slack, 0)
+    return instant_ns - seen_ns + max(now_ns - newest.stamp_ns - slack, 0)
+
+
 def _carrier(model: TrackerModel, motion: str, memory: ObjectState) -> str:
     """Return what may carry the object without a fix: Eq. 2, or the tool its camera is on."""
     if model.method not in ("joint", "algorithm1") or motion == "mobile":
@@ -210,7 +230,7 @@ def _covariances(
         in_world = item.anchor is not None and item.anchor.in_world
         noise = noise_of(model.objects[i].motion, in_world=in_world)
         rate = noise.walk_m**2 + (noise.walk_rad * distance) ** 2
-        grows[i] = [rate, rate, rate, *[noise.walk_rad**2] * 3]
+        grows[i] = [rate, rate, rate, *[noise.walk_rad**2 + noise.turn_rad**2] * 3]
         ages[i] = max(seconds(instant_ns - since_ns), 0.0)
         doubts[i] = motion.doubt_m2(since_ns=since_ns)
         if not joint:

@@ -36,15 +36,19 @@ class MotionNoise:
     walk_m: float = 0.005
     """Random walk of position [m/sqrt(s)]."""
     walk_rad: float = 0.0015
-    """Random walk of orientation [rad/sqrt(s)]."""
+    """Random walk of the camera's orientation, with the object at its end [rad/sqrt(s)]."""
+    turn_rad: float = 0.0
+    """Random walk of the object about itself [rad/sqrt(s)]."""
 
 
 STATIC = MotionNoise()
 """A static object, carried by odometry."""
-HELD = MotionNoise(walk_m=0.03, walk_rad=0.1)
+HELD = MotionNoise(walk_m=0.01, walk_rad=0.0, turn_rad=0.1)
 """A held object: kinematics carry it, but it may slip or swing in the tool."""
-MOBILE = MotionNoise(walk_m=0.1, walk_rad=0.3)
-"""An object that moves by itself."""
+MOBILE = MotionNoise(walk_m=0.05, turn_rad=0.2)
+"""An object that moves by itself, between images."""
+UNMOVED = MotionNoise(walk_m=0.1, walk_rad=0.1)
+"""A static object before a camera whose motion is not known."""
 
 
 def propagate(
@@ -67,5 +71,5 @@ def growth(
     """
     dt = abs(seconds(duration_ns))
     position = dt * (noise.walk_m**2 + (noise.walk_rad * distance_m) ** 2) + doubt_m2
-    turn = dt * noise.walk_rad**2 + TURN_PER_DOUBT * doubt_m2
+    turn = dt * (noise.walk_rad**2 + noise.turn_rad**2) + TURN_PER_DOUBT * doubt_m2
     return np.array([position, position, position, turn, turn, turn])

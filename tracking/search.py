@@ -28,8 +28,8 @@ SHARP_PX = 7.0
 """A prediction whose 3 sigma is larger [px] is followed by a search of its region."""
 MIN_FACING = 0.12
 """Smallest cosine between a marker's normal and the line of sight."""
-MAX_REGION = 0.35
-"""Largest share of the image worth a search of a region."""
+MAX_REGION, SMALL_REGION = 0.35, 0.20
+"""Largest share of the image worth a search now and then, and in every image."""
 _MARGIN_PX = 3.0
 
 Gray = NDArray[np.uint8]
@@ -152,9 +152,13 @@ def search_region(
     table: MarkerTable,
     expected: Expected,
     owners: set[int],
+    largest: float,
     sighting: Sighting,
 ) -> bool:
-    """Search where the predictions of some objects point; return False when that is too wide."""
+    """Search where the predictions of some objects point.
+
+    Returns False, and does not search, when that is a larger share of the image than `largest`.
+    """
     chosen = np.isin(table.owner[expected.index], list(owners))
     if not chosen.any():
         return False
@@ -164,7 +168,7 @@ def search_region(
     low = np.maximum(np.floor((corners - reach).min(axis=(0, 1))), 0).astype(int)
     high = np.ceil((corners + reach).max(axis=(0, 1))).astype(int) + 1
     high = np.minimum(high, (camera.width, camera.height))
-    if np.prod(high - low) > MAX_REGION * camera.width * camera.height:
+    if np.prod(high - low) > largest * camera.width * camera.height:
         return False
     crop = np.ascontiguousarray(gray[low[1] : high[1], low[0] : high[0]])
     _add(gray, _search(crop, table, low), camera=camera, table=table, sighting=sighting)

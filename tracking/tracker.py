@@ -37,6 +37,8 @@ from tracking.motion import MotionHistory
 from tracking.output import predict, raw_poses
 from tracking.propagation import growth
 from tracking.search import (
+    MAX_REGION,
+    SMALL_REGION,
     Expected,
     Sighting,
     expected_markers,
@@ -58,7 +60,7 @@ __all__ = [
 DELAYS = 51
 """Images over which the delay of the stream is the median."""
 REGION_NS = 80 * NS_PER_MS
-"""Shortest time between two searches of regions [ns]."""
+"""Shortest time between two searches of large regions [ns]."""
 IDLE_NS = NS_PER_S
 """Shortest time between searches of the whole image for what a sharp prediction puts elsewhere."""
 
@@ -188,16 +190,18 @@ def _sighted(
     follow(gray, camera=camera, table=table, expected=expected, sighting=sighting)
     missing = _without_tags(model, sighting)
     in_view = {int(i) for i in table.owner[expected.index]}
-    if missing & in_view and image.stamp_ns - state.region_ns >= REGION_NS:
-        state = replace(state, region_ns=image.stamp_ns)
-        search_region(
+    if missing & in_view:
+        rested = image.stamp_ns - state.region_ns >= REGION_NS
+        if search_region(
             gray,
             camera=camera,
             table=table,
             expected=expected,
             owners=missing & in_view,
+            largest=MAX_REGION if rested else SMALL_REGION,
             sighting=sighting,
-        )
+        ):
+            state = replace(state, region_ns=image.stamp_ns)
         missing = _without_tags(model, sighting)
     limit = model.limits.bridged_sigma_m / 3.0
     sharp = {i for i in priors if float(np.diag(priors[i].covariance)[:3].max()) < limit**2}

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 
 import cv2
 import numpy as np
@@ -36,13 +38,17 @@ def plate(first_id: int = 0, *, slug: str = "plate", motion: str = "static") -> 
     return MarkedObject(slug, 3, markers[0].key, tuple(markers), motion)
 
 
-def cage(first_id: int = 20) -> MarkedObject:
+def cage(first_id: int = 20, *, back: bool = False) -> MarkedObject:
+    """Three tags that lean outwards, and one on the far side when asked."""
     turn = [(0, 0.0), (1, math.pi / 2), (2, -math.pi / 2)]
     markers = []
     for i, yaw in turn:
         out = Pose[Object, Tag].exp([0, 0, 0, 0, yaw * 0.5, 0])
         shift = out.rotation @ np.array([0.0, 0.0, 0.12])
         markers.append(Marker("tag36h11", first_id + i, 0.06, Pose.of(out.rotation, shift)))
+    if back:
+        behind = Pose[Object, Tag].of(FACING, (0.0, 0.0, -0.1))
+        markers.append(Marker("tag36h11", first_id + 3, 0.06, behind))
     return MarkedObject("cage", 1, markers[0].key, tuple(markers))
 
 
@@ -143,16 +149,30 @@ class Theatre:
 
     objects: tuple[MarkedObject, ...]
     Ts_w_object: dict[str, Pose[W, Object]]
+    camera: PinholeCamera = CAMERA
     image_ms: int = 100
     noise: float = 1.5
     odometry: Odometry = field(default_factory=Odometry)
     hidden: Callable[[float, str], bool] = lambda t, slug: False  # noqa: ARG005 - a default
     motion_stops_s: float = math.inf
 
+    def T_cam_object(self, slug: str, stamp_ns: int) -> Pose[Cam, Object]:
+        return T_w_cam_true((stamp_ns - START_NS) / 1e9).inverse() @ self.Ts_w_object[slug]
+
+    def material(self, *, count: int) -> tuple[MotionHistory, list[GrayImage]]:
+        """Some images 40 ms apart and the motion over them."""
+        painter, rng, motion = self._painter(), np.random.default_rng(9), MotionHistory()
+        for index in range(8 * count + 20):
+            motion.put(self.odometry.sample(index, index / 200.0, 1 / 200.0))
+        return motion, [self._image(painter, 0.04 * i, rng) for i in range(count)]
+
+    def _painter(self) -> Painter:
+        things = {o.slug: Painted.of(o, **_board(o)) for o in self.objects}
+        return Painter(self.camera, things=things)
+
     def play(self, *, duration_s: float, method: str = "joint") -> Run:
         model = TrackerModel(CAMERA, "hc", self.objects, method)
-        things = {o.slug: Painted.of(o, **_board(o)) for o in self.objects}
-        painter = Painter(CAMERA, things=things)
+        painter = self._painter()
         state, motion, run = initial_state(model), MotionHistory(), Run()
         rng = np.random.default_rng(9)
         waiting: list[tuple[int, GrayImage]] = []
@@ -181,7 +201,7 @@ class Theatre:
         T_cam_w = T_w_cam_true(t).inverse()
         shown = {s: T_cam_w @ T for s, T in self.Ts_w_object.items() if not self.hidden(t, s)}
         gray = cv2.cvtColor(painter.render(shown), cv2.COLOR_RGB2GRAY).astype(np.float32)
-        gray += rng.standard_normal(gray.shape, dtype=np.float32) * self.noise
+        gray += np.roll(_grain(), int(rng.integers(1 << 20))) * self.noise
         return GrayImage(START_NS + round(t * 1e9), np.clip(gray, 0, 255).astype(np.uint8))
 
     def _compare(
@@ -208,9 +228,13 @@ class Theatre:
             )
 
 
-def _cpu() -> float:
-    import time
+@cache
+def _grain() -> np.ndarray:
+    shape = (CAMERA.height, CAMERA.width)
+    return np.random.default_rng(1).standard_normal(shape, dtype=np.float32)
 
+
+def _cpu() -> float:
     return time.process_time()
 
 
@@ -225,12 +249,21 @@ def _board(item: MarkedObject) -> dict[str, np.ndarray]:
 def theatre() -> Callable[..., Theatre]:
     """Make a theatre: a plate below the camera, and a cage beside it when asked."""
 
-    def make(*, with_cage: bool = False, motion: str = "static", **options: object) -> Theatre:
+    def make(
+        *,
+        with_cage: bool = False,
+        back: bool = False,
+        motion: str = "static",
+        jumps: dict[int, np.ndarray] | None = None,
+        resets: frozenset[int] = frozenset(),
+        **options: object,
+    ) -> Theatre:
         objects: tuple[MarkedObject, ...] = (plate(motion=motion),)
         poses: dict[str, Pose[W, Object]] = {"plate": Pose.translated(0.02, -0.03, 0.0)}
         if with_cage:
-            objects += (cage(),)
+            objects += (cage(back=back),)
             poses["cage"] = Pose.translated(-0.26, 0.05, 0.0)
-        return Theatre(objects, poses, **options)  # type: ignore[arg-type] # options of a test
+        odometry = Odometry(jumps=jumps or {}, resets=resets)
+        return Theatre(objects, poses, odometry=odometry, **options)  # type: ignore[arg-type] # options of a test
 
     return make
