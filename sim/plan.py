@@ -31,6 +31,8 @@ class Phase:
     """For how long [s]."""
     frame: str | None = None
     """Named frame of the target where the tool goes; `None`: where it was at the start."""
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Shift of the hand from there, in base axes [m]."""
     turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Turn of the hand about the wrist, rotation vector in base axes [deg]."""
     wander_m: float = 0.0
@@ -61,7 +63,14 @@ class Plan:
         return self.phases[-1]
 
 
-AWAY = Phase("turn away", 8.5, frame="above", turn_deg=(0.0, 80.0, 0.0), wander_deg=2.0)
+AWAY = Phase(
+    "turn away",
+    10.0,
+    shift_m=(0.07, -0.10, -0.30),
+    turn_deg=(0.0, 65.0, 0.0),
+    wander_deg=2.0,
+)
+"""The arm's camera looks ahead, the arm itself stands between the other one and the hole plate."""
 PICK = Plan(
     (
         Phase("look around", 9.0, wander_m=0.04, wander_deg=4.0),
@@ -109,6 +118,7 @@ def goal(
     searching: Pose[Tcp, Tcp] = Pose.of(np.eye(3), phase.wander_m * across)
     T_base_wrist = anchor @ searching @ T_tcp_wrist
     turned: Pose[Base, Wrist] = Pose.of(
-        exp_so3(np.radians(nod + phase.turn_deg)) @ T_base_wrist.rotation, T_base_wrist.translation
+        exp_so3(np.radians(nod + phase.turn_deg)) @ T_base_wrist.rotation,
+        T_base_wrist.translation + phase.shift_m,
     )
     return turned @ T_tcp_wrist.inverse()

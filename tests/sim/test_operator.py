@@ -80,7 +80,7 @@ def test_for_over_five_seconds_between_15_and_30_the_hand_looks_away() -> None:
     away_s = [t for t in np.arange(0.0, 60.0, 0.1).tolist() if PICK.at(t) is AWAY]
     assert away_s[0] >= 15.0
     assert away_s[-1] <= 30.0 - 4.0  # the demo may start the operator some seconds late
-    turning_s = math.radians(80.0) / HandModel().turn_rad_s + HandModel().reaction_s
+    turning_s = math.radians(65.0) / HandModel().turn_rad_s + HandModel().reaction_s
     assert away_s[-1] - away_s[0] - turning_s > 5.0
     assert PICK.phases.count(AWAY) == 1
 
@@ -110,13 +110,13 @@ def test_at_the_target_the_goal_moves_with_the_shown_object() -> None:
 def test_without_a_handle_the_tool_stays_near_its_start() -> None:
     for phase in PICK.phases:
         pose = goal(phase, time_s=3.0, T_base_tcp_start=START, Ts_base_frame={})
-        assert np.linalg.norm(wrist(pose) - wrist(START)) < 0.1
+        assert np.linalg.norm(wrist(pose) - wrist(START) - phase.shift_m) < 0.1
 
 
 def test_turning_away_turns_the_camera_out_of_its_field_of_view() -> None:
     pose = goal(AWAY, time_s=0.0, T_base_tcp_start=START, Ts_base_frame={})
     half_diagonal = math.atan(math.hypot(640, 480) / 1078)
-    assert START.distance_to(pose)[1] > 2 * half_diagonal - math.radians(5)
+    assert START.distance_to(pose)[1] > half_diagonal + math.radians(25)
 
 
 class ListeningBus(MemoryBus):
