@@ -28,17 +28,20 @@ class Darkroom:
         self._tables: tuple[Any, Any] | None = None
 
     def develop(self, jpeg: bytes, variant: Variant) -> tuple[bytes, int, int] | None:
-        """Return image, width and height [px] of a variant, `None` for an unreadable image."""
+        """Return image, width and height [px] of a variant.
+
+        `None` for what is no image, or not of the size the intrinsics say.
+        """
         camera = self._camera
         distorted = any(camera.distortion)
         if variant is Variant.FULL or (variant is Variant.OVERLAY and not distorted):
             return jpeg, camera.width, camera.height
-        image = cv2.imdecode(np.frombuffer(jpeg, np.uint8), REDUCED.get(variant, cv2.IMREAD_COLOR))
-        if image is None:
+        image = _decode(jpeg, REDUCED.get(variant, cv2.IMREAD_COLOR))
+        scale = SCALE.get(variant, 1)
+        expected = (-(-camera.height // scale), -(-camera.width // scale))
+        if image is None or image.shape[:2] != expected:
             return None
         if variant is Variant.OVERLAY:
-            if image.shape[:2] != (camera.height, camera.width):
-                return None
             image = cv2.remap(image, *self._undistortion(), cv2.INTER_LINEAR)
         options = [cv2.IMWRITE_JPEG_QUALITY, QUALITY[variant]]
         done, data = cv2.imencode(".jpg", image, options)
@@ -52,3 +55,10 @@ class Darkroom:
                 c.K, np.array(c.distortion), np.eye(3), c.K, (c.width, c.height), cv2.CV_16SC2
             )
         return self._tables
+
+
+def _decode(jpeg: bytes, flags: int) -> Any:
+    try:
+        return cv2.imdecode(np.frombuffer(jpeg, np.uint8), flags)
+    except cv2.error:  # what it raises for nothing at all; otherwise it returns None
+        return None

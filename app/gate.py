@@ -33,6 +33,7 @@ from spatial.errors import MissingError
 LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 MAX_MESSAGE_BYTES = 4 * 1024 * 1024
 MAX_CONNECTIONS = 64
+NOT_SENT_BYTES = 16 * 1024
 PAGE_DIR = Path(__file__).parent / "page"
 REFUSED_PARAMETERS = frozenset({"websocket", "playbackPath"})
 """With them viser's page obeys another server, or plays a recording, which may carry code."""
@@ -174,6 +175,7 @@ class Gate:
     def _route(self, viser_handler: Handler) -> Handler:
         async def route(connection: ServerConnection) -> None:
             assert connection.request is not None
+            _keep_queue_short(connection)
             self._open += 1
             try:
                 if urlsplit(connection.request.path).path == "/live":
@@ -279,6 +281,14 @@ def _bind(host: str, port: int) -> socket.socket:
             "end the other process or choose another port with --port"
         ) from error
     return listener
+
+
+def _keep_queue_short(connection: ServerConnection) -> None:
+    """Let the kernel queue little that is not sent yet: what waits here can still be replaced."""
+    option = getattr(socket, "TCP_NOTSENT_LOWAT", None)
+    raw = connection.transport.get_extra_info("socket")
+    if option is not None and raw is not None:
+        raw.setsockopt(socket.IPPROTO_TCP, option, NOT_SENT_BYTES)
 
 
 def _assets(client_html: Path) -> dict[str, tuple[str, bytes, bytes]]:

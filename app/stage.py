@@ -36,8 +36,8 @@ from spatial.tracked import TrackState
 MAX_HZ = 60.0
 UNMOVED = 1e-6
 """Largest change of a matrix entry that is not sent ([m] or of a unit vector)."""
-RAW_SHOWN_M = 0.002
-"""The raw outline appears beside a tracked body from this distance on [m]."""
+RAW_SHOWN_M, RAW_HIDDEN_M = 0.003, 0.002
+"""The raw outline appears beside a body from the first distance on, until the second [m]."""
 WORLD_JUMP_M = 0.5
 """The odometry's world started anew when it moves further than this in a tick [m]."""
 FRUSTUM_DEPTH_M = 0.16
@@ -130,7 +130,7 @@ class Stage:
             poses[name] = node.T_base_object
         for state, child in STATE_NODES.items():
             shown[f"{name}/{child}"] = state is node.state
-        shown[raw] = _raw_differs(node)
+        shown[raw] = _raw_differs(node, shown=self._shown.get(raw, False))
         if node.T_base_object_raw is not None:
             poses[raw] = node.T_base_object_raw
 
@@ -236,13 +236,13 @@ def _display(state: SceneState) -> Pose[Any, Any]:
     return Pose.of(state.T_base_platform.rotation.T, np.zeros(3))
 
 
-def _raw_differs(node: ObjectNode) -> bool:
+def _raw_differs(node: ObjectNode, *, shown: bool) -> bool:
     if node.T_base_object_raw is None or node.T_base_object is None:
         return False
     if node.state not in (TrackState.TRACKED, TrackState.BRIDGED):
         return False
     distance = np.linalg.norm(node.T_base_object_raw.translation - node.T_base_object.translation)
-    return bool(distance > RAW_SHOWN_M)
+    return bool(distance > (RAW_HIDDEN_M if shown else RAW_SHOWN_M))
 
 
 def frustum(camera: PinholeCamera, *, depth_m: float) -> Array:

@@ -63,8 +63,13 @@ class Viser {
     this.mutable.requestRender();
   }
 
-  /** Tick of the newest state that was applied, null before the first. */
+  /** Tick of the newest state that arrived, drawn or not; null before the first. */
   get tick() {
+    const waiting = this.mutable.messageQueue;
+    for (let i = waiting.length - 1; i >= 0; i--) {
+      const message = waiting[i];
+      if (message.name === "/heartbeat" && message.position) return message.position[0];
+    }
     return this.mutable.nodePoseData["/heartbeat"]?.position?.[0] ?? null;
   }
 

@@ -16,6 +16,7 @@ from websockets.sync.client import connect
 from websockets.sync.connection import Connection
 
 from app.audience import MIN_BUDGET_BYTES, Spectator, Variant, VideoFrame
+from app.darkroom import Darkroom
 from app.gate import GateSettings
 from app.live import LiveChannel
 from app.viser_port import ViserPort
@@ -285,6 +286,18 @@ def test_an_unreadable_image_is_counted_and_the_next_one_comes(
         while next_video(tab)[0]["stamp_ms"] != 2e-6:
             pass
         assert live.unreadable == before + 1
+
+
+@pytest.mark.parametrize("data", [b"", b"\xff\xd8\xff", b"x" * 5000])
+def test_what_is_no_image_is_told_so(data: bytes) -> None:
+    for variant in (Variant.HALF, Variant.QUARTER, Variant.OVERLAY):
+        assert Darkroom(BENT).develop(data, variant) is None
+
+
+def test_an_image_of_another_size_than_the_camera_is_refused() -> None:
+    other = PinholeCamera(640, 480, 300.0, 300.0, 320.0, 240.0)
+    assert Darkroom(BENT).develop(jpeg(other), Variant.HALF) is None
+    assert Darkroom(BENT).develop(jpeg(BENT), Variant.HALF) is not None
 
 
 def test_unknown_cameras_and_nan_are_refused_where_they_are_offered(

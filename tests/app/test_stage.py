@@ -215,6 +215,16 @@ def test_the_raw_pose_shows_where_it_differs(
     np.testing.assert_allclose(port.poses["/site/raw/plate"].translation, [0.1, 0.21, 1.0])
 
 
+def test_the_raw_outline_does_not_flicker(stage: Stage, port: FakePort, now: list[float]) -> None:
+    shown = []
+    for tick, off_mm in enumerate((2.5, 3.5, 2.5, 1.5, 2.5)):
+        now[0] += 0.1
+        raw: Any = Pose.translated(0.1, 0.2 + off_mm / 1000, 1.0)
+        stage.show(state(node(TrackState.TRACKED, T_base_object_raw=raw), tick=tick))
+        shown.append(port.shows("/site/raw/plate/outline"))
+    assert shown == [False, True, True, False, False]
+
+
 def test_the_ground_lies_under_the_lowest_object(stage: Stage, port: FakePort) -> None:
     stage.show(state(node(TrackState.TRACKED)))
     # The arm hangs: lower is further along base's z; the plate is 20 mm thick.
