@@ -148,7 +148,7 @@ class PlatformControl:
         gain = FAST_GAIN * sway.fast_m * fast
         fast_x = gain * math.cos(fast * time_s + p[2])
         fast_y = gain * math.cos(0.93 * fast * time_s + p[3])
-        yaw = 0.02 * swell * math.cos(0.7 * slow * time_s + p[5])
+        yaw = 0.4 * swell * sway.slow_m * math.cos(0.7 * slow * time_s + p[5])
         x, y = slow_x + fast_x, slow_y + fast_y
         turn_x, turn_y = slow_x / self._arm_m + fast_x, slow_y / self._arm_m + fast_y
         return np.array([x, y, 0.0, -turn_y, turn_x, yaw])

@@ -51,8 +51,11 @@ def usable_backends() -> tuple[str, ...]:
     return tuple(found)
 
 
-def open_context(backend: str, *, width: int, height: int) -> GlContext:
+def open_context(backend: str, *, width: int, height: int, threads: int | None = None) -> GlContext:
     """Return a context of `egl` or `osmesa` for images up to a size [px].
+
+    `threads` limits what the software rasteriser of this process uses, if it is asked first:
+    a live site shares its cores with physics, tracker and browser.
 
     Raises:
         MissingError: the library is not installed or does not start.
@@ -68,9 +71,8 @@ def open_context(backend: str, *, width: int, height: int) -> GlContext:
     bound = os.environ.get("PYOPENGL_PLATFORM", backend)
     if bound != backend:
         raise StateError(f"this process draws with {bound} already and cannot use {backend} too")
-    # one thread: two cores are shared with physics, tracker and browser, and llvmpipe would
-    # otherwise spin up a rasteriser per core for each context
-    os.environ.setdefault("LP_NUM_THREADS", "1")
+    if threads is not None:
+        os.environ.setdefault("LP_NUM_THREADS", str(threads))
     context: GlContext = importlib.import_module(f"mujoco.{backend}").GLContext(width, height)
     return context
 

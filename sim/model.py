@@ -19,7 +19,7 @@ import numpy as np
 from scene.entry import ObjectEntry
 from scene.kinematics import RobotJoint
 from scene.robot import Inertial, Robot
-from sim.paint import Paints
+from sim.paint import Paints, unprinted
 from sim.scenery import add_scenery, add_shades
 from sim.solids import add_solids, pieces_of
 from sim.world import Crane, Placement, TrueCamera, TrueMarker, World
@@ -92,7 +92,6 @@ def build(
     _check(robot, entries, world, cameras)
     spec = _empty_spec(world)
     paints = Paints(spec)
-    add_scenery(spec, world)
     platform = _add_crane(spec, world.crane)
     bodies = _add_robot(paints, robot, platform, world.crane)
     for name, camera in cameras.items():
@@ -105,7 +104,7 @@ def build(
             true = given.get((placement.slug, marker.key), marker.T_object_marker)
             prints[marker.key] = _add_print(body, paints, marker, true)
     add_shades(spec, world)
-    paints.finish()
+    add_scenery(spec, world)  # last: what stands in front is drawn first and hides it cheaply
     return _located(spec.compile(), robot, world, cameras, prints)
 
 
@@ -184,8 +183,10 @@ def _add_robot(
         pending.remove(joint)
         bodies[joint.child] = _add_link(bodies[joint.parent], joint, robot, armatures)
     for index, visual in enumerate(robot.visuals):
-        mesh, material = paints.add_mesh(f"look/{visual.link}/{index}", visual.mesh)
-        _show(bodies[visual.link], mesh, material, visual.T_link_visual)
+        name = f"look/{visual.link}/{index}"
+        paints.add_look(
+            bodies[visual.link], name, visual.mesh, pose=visual.T_link_visual, opacity=1.0
+        )
     tool = _rigid_to(robot, TOOL_FRAME)
     for solid in robot.collisions:
         if solid.link in tool:
@@ -226,10 +227,9 @@ def _add_object(
     spec: mujoco.MjSpec, paints: Paints, entry: ObjectEntry, placement: Placement
 ) -> mujoco.MjsBody:
     body = spec.worldbody.add_body(name=f"object/{entry.slug}", **_at(placement.T_w_object))
-    look = entry.mesh.without("tag_")
-    mesh, material = paints.add_mesh(f"look/object/{entry.slug}", look)
-    geom = _show(body, mesh, material, Pose.identity())
-    geom.rgba = [1.0, 1.0, 1.0, entry.opacity]
+    look = unprinted(entry.mesh)
+    pose: Pose[Object, Object] = Pose.identity()
+    paints.add_look(body, f"look/object/{entry.slug}", look, pose=pose, opacity=entry.opacity)
     if placement.free:
         body.add_freejoint(name=f"free/{entry.slug}")
         _weigh(body, _box_inertial(entry))
@@ -254,15 +254,8 @@ def _add_print(
     depth = nominal.inverse().apply(true.apply(1.3 * marker.corners_tag))[:, 2].min()
     lift = max(0.0, PRINT_LIFT_M - float(depth))
     at: Pose[Object, Tag] = Pose.of(true.rotation, true.translation + lift * nominal.rotation[:, 2])
-    mesh, material = paints.add_print(f"print/{marker.family}/{marker.id}", marker)
-    _show(body, mesh, material, at)
+    paints.add_print(body, marker, pose=at)
     return at
-
-
-def _show(body: mujoco.MjsBody, mesh: str, material: str, pose: Pose[Any, Any]) -> mujoco.MjsGeom:
-    return body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_MESH, meshname=mesh, material=material, mass=0.0, **_at(pose)
-    )
 
 
 def _weigh(body: mujoco.MjsBody, inertial: Inertial) -> None:

@@ -1,7 +1,7 @@
-"""Meshes, colours and marker prints as assets of a MuJoCo model.
+"""Looks, and marker prints, as geoms of a MuJoCo model.
 
-One palette texture serves every mesh: a face's three texture coordinates are the same point, the
-middle of its colour's cell, so that a link of many colours stays one mesh and one draw call.
+A mesh of several colours becomes a geom for each: a palette texture would need one draw call
+only, but texturing costs twice the rest of an image where software draws.
 
 A marker is a square of `cells + 2` cells edge with its quiet zone. Its texture has a power of two
 of pixels per cell, so that every mip level keeps cells on pixel borders: misaligned levels shift
@@ -10,12 +10,16 @@ edges (0.078 px instead of 0.018 px).
 
 from __future__ import annotations
 
+import re
+from typing import Any
+
 import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from scene.mesh import MeshData, MeshPart
+from scene.mesh import MeshData
 from spatial.marker import Marker
+from spatial.pose import Pose
 from spatial.rotation import Array
 from tracking.families import cells
 
@@ -26,71 +30,80 @@ CELL_PX = 32
 QUIET_CELLS = 1
 """White cells around the black square."""
 
-_SWATCH_PX = 4
-_COLUMNS = 64
 _PAINT = "paint"
+_PRINT = re.compile(r"tag_\d+")
 
 
 class Paints:
-    """Adds meshes and prints to a model under construction; `finish` adds the palette."""
+    """Adds looks and prints to bodies of a model under construction."""
 
     def __init__(self, spec: mujoco.MjSpec) -> None:
-        """Start with an empty palette."""
+        """Start with the one material of everything that is painted."""
         self._spec = spec
-        self._colors: dict[tuple[int, ...], int] = {}
-        self._pending: list[tuple[mujoco.MjsMesh, NDArray[np.int64]]] = []
-        self._material(_PAINT, texture="palette", specular=0.25, shininess=0.35)
+        self._spec.add_material(name=_PAINT, specular=0.25, shininess=0.35)
 
-    def add_mesh(self, name: str, mesh: MeshData) -> tuple[str, str]:
-        """Add a mesh to look at; return the names of the mesh and its material."""
-        asset = _mesh(self._spec, name, mesh.vertices, mesh.faces)
-        if all(part.normals is not None for part in mesh.parts):
-            asset.usernormal = np.concatenate([_normals(part) for part in mesh.parts]).ravel()
-            asset.userfacenormal = mesh.faces.ravel()
-        rgb, inverse = np.unique(mesh.face_colors[:, :3], axis=0, return_inverse=True)
-        index = [self._colors.setdefault(tuple(c), len(self._colors)) for c in rgb.tolist()]
-        self._pending.append((asset, np.array(index)[inverse.ravel()]))
-        return name, _PAINT
+    def add_look(
+        self,
+        body: mujoco.MjsBody,
+        name: str,
+        mesh: MeshData,
+        *,
+        pose: Pose[Any, Any],
+        opacity: float,
+    ) -> None:
+        """Show a mesh on a body, a geom for each of its colours."""
+        colors, of_face = np.unique(mesh.face_colors[:, :3], axis=0, return_inverse=True)
+        given = [part.normals for part in mesh.parts if part.normals is not None]
+        smooth = np.concatenate(given) if len(given) == len(mesh.parts) else None
+        for index, rgb in enumerate(colors.tolist()):
+            faces = mesh.faces[of_face.ravel() == index]
+            used, compact = np.unique(faces, return_inverse=True)
+            asset = _mesh(self._spec, f"{name}/{index}", mesh.vertices[used], compact)
+            if smooth is not None:
+                asset.usernormal = smooth[used].ravel()
+                asset.userfacenormal = compact.ravel()
+            body.add_geom(
+                type=mujoco.mjtGeom.mjGEOM_MESH,
+                meshname=f"{name}/{index}",
+                material=_PAINT,
+                rgba=[*(np.array(rgb) / 255.0), opacity],
+                mass=0.0,
+                pos=pose.translation,
+                quat=pose.quaternion_wxyz,
+            )
 
-    def add_print(self, name: str, marker: Marker) -> tuple[str, str]:
-        """Add the print of a marker in its own frame; return names of mesh and material."""
+    def add_print(self, body: mujoco.MjsBody, marker: Marker, *, pose: Pose[Any, Any]) -> None:
+        """Stick the print of a marker on a body."""
+        name = f"print/{marker.family}/{marker.id}"
         side = cells(marker.family, marker.id).shape[0]
         half = marker.size_m * (side + 2 * QUIET_CELLS) / side / 2.0
         corners = half * np.array([[-1, 1, 0], [1, 1, 0], [1, -1, 0], [-1, -1, 0]])
-        asset = _mesh(self._spec, name, corners, np.array([[0, 2, 1], [0, 3, 2]]))
+        asset = _mesh(self._spec, name, corners, np.array([0, 2, 1, 0, 3, 2]))
         asset.usertexcoord = np.array([0, 0, 1, 0, 1, 1, 0, 1.0])
         grey = marker_image(marker)
-        self._texture(name, np.repeat(grey[:, :, None], 3, axis=2))
-        self._material(name, texture=name, specular=0.0, shininess=0.0)
-        return name, name
-
-    def finish(self) -> None:
-        """Add the palette, once every mesh is in."""
-        rows = 1 << max(0, (len(self._colors) - 1) // _COLUMNS).bit_length()
-        swatches = np.zeros((rows * _COLUMNS, 3), np.uint8)
-        for color, index in self._colors.items():
-            swatches[index] = color
-        pixels = swatches.reshape(rows, _COLUMNS, 3)
-        self._texture("palette", pixels.repeat(_SWATCH_PX, axis=0).repeat(_SWATCH_PX, axis=1))
-        used = np.arange(max(1, len(self._colors)))
-        uv = np.stack(((used % _COLUMNS + 0.5) / _COLUMNS, (used // _COLUMNS + 0.5) / rows), axis=1)
-        for asset, of_face in self._pending:
-            asset.usertexcoord = uv.ravel()
-            asset.userfacetexcoord = of_face.repeat(3)
-
-    def _texture(self, name: str, pixels: NDArray[np.uint8]) -> None:
-        height, width = pixels.shape[:2]
         texture = self._spec.add_texture(
-            name=name, type=mujoco.mjtTexture.mjTEXTURE_2D, width=width, height=height, nchannel=3
+            name=name,
+            type=mujoco.mjtTexture.mjTEXTURE_2D,
+            width=grey.shape[1],
+            height=grey.shape[0],
+            nchannel=3,
         )
-        texture.data = pixels.tobytes()
+        texture.data = np.repeat(grey[:, :, None], 3, axis=2).tobytes()
+        material = self._spec.add_material(name=name, specular=0.0, shininess=0.0)
+        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_MESH,
+            meshname=name,
+            material=name,
+            mass=0.0,
+            pos=pose.translation,
+            quat=pose.quaternion_wxyz,
+        )
 
-    def _material(
-        self, name: str, *, texture: str, specular: float, shininess: float
-    ) -> mujoco.MjsMaterial:
-        material = self._spec.add_material(name=name, specular=specular, shininess=shininess)
-        material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = texture
-        return material
+
+def unprinted(mesh: MeshData) -> MeshData:
+    """Return the mesh of an object without its printed markers, parts named `tag_<id>`."""
+    return MeshData.of(tuple(p for p in mesh.parts if not _PRINT.fullmatch(p.name)))
 
 
 def marker_image(marker: Marker) -> NDArray[np.uint8]:
@@ -115,8 +128,3 @@ def _mesh(
         userface=faces.ravel(),
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,  # a look need not be closed
     )
-
-
-def _normals(part: MeshPart) -> Array:
-    assert part.normals is not None
-    return part.normals

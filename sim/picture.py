@@ -9,6 +9,7 @@ import numpy as np
 
 from scene.mesh import MeshData, MeshPart
 from scene.robot import Robot
+from sim.paint import unprinted
 from sim.painter import Image, Painted, Painter, Shade
 from sim.plant import Plant, Snapshot
 from sim.scenery import SHADE_LIFT_M
@@ -33,7 +34,7 @@ class PaintedView:
             markers = tuple(
                 replace(m, T_object_marker=site.Ts_object_marker[m.key]) for m in entry.markers
             )
-            things[f"object/{slug}"] = _painted(entry.mesh.without("tag_"), markers=markers)
+            things[f"object/{slug}"] = _painted(unprinted(entry.mesh), markers=markers)
         for link, mesh in _links(plant.robot).items():
             things[f"robot/{link}"] = _painted(mesh)
         self._bodies = {name: int(site.model.body(name).id) for name in things}

@@ -13,6 +13,7 @@ EGL, OSMesa, and the painter of `sim.painter`, which needs no GL library.
 from __future__ import annotations
 
 import copy
+import importlib
 from types import TracebackType
 from typing import Protocol, Self
 
@@ -180,7 +181,9 @@ class ClassicView:
         quality.shadowsize = SHADOW_PX if careful else 0
         offscreen = self._model.vis.global_
         offscreen.offwidth, offscreen.offheight = canvas.width, canvas.height
-        self._context = open_context(backend, width=canvas.width, height=canvas.height)
+        self._context = open_context(
+            backend, width=canvas.width, height=canvas.height, threads=None if careful else 0
+        )
         self._context.make_current()
         try:
             self._gl = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100)
@@ -188,6 +191,8 @@ class ClassicView:
             self._context.free()
             raise MissingError(f"{backend} cannot draw here: {error}") from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gl)
+        if not careful:
+            self._shrink_depth()
         self._scene = mujoco.MjvScene(self._model, maxgeom=_SCENE_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = careful
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
@@ -225,6 +230,14 @@ class ClassicView:
             self._gl.free()
             self._gl = None
             self._context.free()
+
+    def _shrink_depth(self) -> None:
+        """Make depth four bytes a pixel instead of eight: an eighth of the time of an image."""
+        gl = importlib.import_module("OpenGL.GL")  # bound to the backend the context has chosen
+        gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, self._gl.offDepthStencil)
+        gl.glRenderbufferStorage(
+            gl.GL_RENDERBUFFER, gl.GL_DEPTH24_STENCIL8, self._canvas.width, self._canvas.height
+        )
 
     def _aim(self) -> None:
         """Put the frustum of both GL cameras (mono averages them) where the canvas is."""

@@ -42,10 +42,11 @@ _SKY = ((0.66, 0.72, 0.78), (0.42, 0.52, 0.64))
 def add_scenery(spec: mujoco.MjSpec, world: World) -> None:
     """Add sky, ground, light and props to a model."""
     _light(spec, world.sun)
-    _sky(spec)
-    _ground(spec)
+    body = spec.worldbody.add_body(name="scenery")
     for prop in world.props:
-        _add_prop(spec, prop)
+        _add_prop(body, prop)
+    _ground(spec, body)
+    _sky(spec, body)
 
 
 def add_shades(spec: mujoco.MjSpec, world: World) -> None:
@@ -79,12 +80,12 @@ def _add_strip(
     )
 
 
-def _add_prop(spec: mujoco.MjSpec, prop: Prop) -> None:
+def _add_prop(body: mujoco.MjsBody, prop: Prop) -> None:
     kind = mujoco.mjtGeom.mjGEOM_BOX if prop.shape == "box" else mujoco.mjtGeom.mjGEOM_CYLINDER
     size = np.array(prop.size_m) / 2.0
     if prop.shape == "cylinder":
         size = np.array([prop.size_m[0], prop.size_m[1] / 2.0, 0.0])
-    spec.worldbody.add_geom(
+    body.add_geom(
         name=f"prop/{prop.name}",
         type=kind,
         size=size,
@@ -117,7 +118,7 @@ def _light(spec: mujoco.MjSpec, sun: Sun) -> None:
     spec.visual.map.shadowclip = 1.0
 
 
-def _ground(spec: mujoco.MjSpec) -> None:
+def _ground(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     """Add a plane to touch, and slabs to see: a texture over all would cost 14 ms an image."""
     count = round(2.0 * _GROUND_M / _SLAB_M)
     starts = np.asarray(_SLAB_M * np.arange(count) - _GROUND_M, dtype=np.float64)
@@ -126,15 +127,15 @@ def _ground(spec: mujoco.MjSpec) -> None:
     inset = _SLAB_M - _JOINT_M
     for index, grey in enumerate(_CONCRETE):
         mine = shade == index
-        _add_quads(spec, f"ground/{index}", x[mine], y[mine], size=(inset, inset), grey=grey)
+        _add_quads(spec, body, f"ground/{index}", x[mine], y[mine], size=(inset, inset), grey=grey)
     joint = np.asarray(starts + inset, dtype=np.float64)
     row = np.full(count, -_GROUND_M)
     for name, px, py, size in (
         ("ground/joints x", joint, row, (_JOINT_M, 2.0 * _GROUND_M)),
         ("ground/joints y", row, joint, (2.0 * _GROUND_M, _JOINT_M)),
     ):
-        _add_quads(spec, name, px, py, size=size, grey=_JOINT_GREY)
-    spec.worldbody.add_geom(
+        _add_quads(spec, body, name, px, py, size=size, grey=_JOINT_GREY)
+    body.add_geom(
         name="ground",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[_GROUND_M, _GROUND_M, 0.1],
@@ -145,7 +146,14 @@ def _ground(spec: mujoco.MjSpec) -> None:
 
 
 def _add_quads(
-    spec: mujoco.MjSpec, name: str, x: Array, y: Array, *, size: tuple[float, float], grey: float
+    spec: mujoco.MjSpec,
+    body: mujoco.MjsBody,
+    name: str,
+    x: Array,
+    y: Array,
+    *,
+    size: tuple[float, float],
+    grey: float,
 ) -> None:
     """Add rectangles of one size on the ground, by their low corners x, y (n,) [m]."""
     corners = np.array([[0, 0, 0], [size[0], 0, 0], [size[0], size[1], 0], [0, size[1], 0]])
@@ -157,16 +165,17 @@ def _add_quads(
         userface=faces.ravel(),
         inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL,
     )
-    spec.worldbody.add_geom(
+    body.add_geom(
         name=f"{name}/look",
         type=mujoco.mjtGeom.mjGEOM_MESH,
         meshname=name,
         rgba=[grey, 0.985 * grey, 0.955 * grey, 1.0],
+        castshadow=False,  # it has nothing below, and a map this coarse would draw moire on it
         mass=0.0,
     )
 
 
-def _sky(spec: mujoco.MjSpec) -> None:
+def _sky(spec: mujoco.MjSpec, body: mujoco.MjsBody) -> None:
     """Add a dome of plain rings: a sky box costs three times the rest of a live image."""
     around = np.linspace(0.0, 2.0 * np.pi, _DOME_SIDES, endpoint=False)
     up = np.concatenate(([-0.05], np.linspace(0.0, 1.0, _DOME_RINGS + 1) ** 1.8 * np.pi / 2.0))
@@ -191,7 +200,7 @@ def _sky(spec: mujoco.MjSpec) -> None:
         share = max(0.0, low / (np.pi / 2.0)) ** 0.6
         color = horizon + (zenith - horizon) * share
         spec.add_material(name=f"sky/{index}", rgba=[*color, 1.0], emission=0.62, specular=0.0)
-        spec.worldbody.add_geom(
+        body.add_geom(
             name=f"sky/{index}",
             type=mujoco.mjtGeom.mjGEOM_MESH,
             meshname=f"sky/{index}",
