@@ -21,7 +21,7 @@ from spatial.rotation import Array
 
 BRIDGED_RGBA = (240, 184, 92, 120)
 STALE_RGBA = (112, 118, 124, 255)
-MAX_OUTLINE = 1500
+MAX_OUTLINE = 500
 """Segments of an outline."""
 OUTLINE_SHARE = 0.22
 """Lines that span less of the object's diagonal are left out."""

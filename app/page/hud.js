@@ -164,12 +164,13 @@ export class Hints {
 
 export class Alarm {
   constructor() {
+    this.title = el("b", "", "No data");
     this.text = el("span", "tp-alarm-text");
     this.detail = el("span", "tp-alarm-detail");
     this.element = el(
       "div",
       "tp-alarm",
-      el("div", "tp-alarm-banner", el("b", "", "No data"), this.text, this.detail),
+      el("div", "tp-alarm-banner", this.title, this.text, this.detail),
     );
     this.element.setAttribute("role", "alert");
     this.element.hidden = true;
@@ -181,11 +182,14 @@ export class Alarm {
     );
   }
 
-  update({ frozen, started, silentMs, silentLinks }) {
+  update({ frozen, started, drawing, silentMs, silentLinks }) {
     this.waiting.hidden = started;
     this.element.hidden = !frozen;
     document.documentElement.classList.toggle("tp-frozen", frozen);
+    // A machine that is too slow to draw must not also have to filter.
+    document.documentElement.classList.toggle("tp-grey", frozen && drawing);
     if (!frozen) return;
+    say(this.title, drawing ? "No data" : "Not drawn");
     say(this.text, `for ${age(silentMs)} – the picture is frozen`);
     say(this.detail, silentLinks.join(" and "));
   }

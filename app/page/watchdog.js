@@ -7,7 +7,7 @@
 const TICK_MS = 50;
 const MAX_STEP_MS = 120;
 export const LIMIT_MS = 500;
-const PICTURE_LIMIT_MS = 2000; // slow drawing is shown by its rate; this is no drawing at all
+const PICTURE_LIMIT_MS = 5000; // slow drawing is shown by its rate; this is no drawing at all
 
 export class Watchdog extends EventTarget {
   constructor(viser, live) {
@@ -48,6 +48,7 @@ export class Watchdog extends EventTarget {
     const silent = this._links.filter((link) => link.seen && link.silent >= link.limit);
     this.frozen = silent.length > 0;
     this.silentLinks = silent.map((link) => link.name);
+    this.drawing = !this.silentLinks.includes("picture");
     this.silentMs = Math.max(0, ...silent.map((link) => now - link.silentFrom));
     this.dispatchEvent(new Event("tick"));
   }
