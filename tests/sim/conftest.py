@@ -114,4 +114,4 @@ def board() -> ObjectEntry:
 @pytest.fixture
 def board_in_view() -> Pose[W, Object]:
     """Pose of the board where the hand-eye camera looks at the start."""
-    return Pose.of(exp_so3([0.12, -0.35, 0.3]), (0.62, -0.02, 0.75))
+    return Pose.of(exp_so3([0.12, -0.35, 0.3]), (0.74, -0.02, 0.70))
