@@ -160,11 +160,8 @@ class ReplayClock:
         """Return the instant shown [ns]; it goes back only where the player jumped back."""
         with self._lock:
             self._listen()
-            if (state := self._state) is None:
-                return self._last_ns
-            passed = self._monotonic_ns() - self._heard_ns if state.playing else 0
-            now_ns = min(state.stamp_ns + round(state.speed * passed), state.last_ns)
-            self._last_ns = max(self._last_ns, now_ns)
+            if self._state is not None:
+                self._last_ns = max(self._last_ns, self._carried_ns(self._state))
             return self._last_ns
 
     def _listen(self) -> None:
@@ -178,10 +175,19 @@ class ReplayClock:
                 log.debug("playback clock refused", exc_info=True)
 
     def _follow(self, state: PlaybackState) -> None:
-        if self._state is None or state.jumps != self._state.jumps:
+        """Anchor on a message, unless an older one of the same run came with less delay."""
+        if (known := self._state) is None or state.jumps != known.jumps:
             self._last_ns = state.stamp_ns
+        elif (state.speed, state.playing) == (known.speed, known.playing):
+            behind_ns = self._carried_ns(known) - state.stamp_ns
+            if 0 <= behind_ns < STEP_NS:
+                return
         self._state = state
         self._heard_ns = self._monotonic_ns()
+
+    def _carried_ns(self, state: PlaybackState) -> int:
+        passed = self._monotonic_ns() - self._heard_ns if state.playing else 0
+        return min(state.stamp_ns + round(state.speed * passed), state.last_ns)
 
 
 class ClockResponder:

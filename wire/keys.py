@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 from spatial.errors import InputError
+from wire.bus import Qos
 
 STATION = "station"
 TRUTH = "truth"
@@ -207,3 +208,14 @@ def is_command(topic: str) -> bool:
 def is_truth(topic: str) -> bool:
     """Return whether a topic (a key without its session) holds ground truth."""
     return topic.split("/", maxsplit=1)[0] == TRUTH
+
+
+LATCHED_TOPICS = ("*/camera/*/calibration", "*/robot_description", f"{STATION}/objects/*")
+IMAGE_TOPICS = ("*/camera/*/image", "*/camera/*/video")
+
+
+def qos_of(topic: str) -> Qos:
+    """Return how a topic (a key without its session) travels."""
+    if any(matches(pattern, topic) for pattern in LATCHED_TOPICS):
+        return Qos.LATCHED
+    return Qos.IMAGE if any(matches(p, topic) for p in IMAGE_TOPICS) else Qos.STATE
