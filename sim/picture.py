@@ -44,8 +44,9 @@ class PaintedView:
         ]
         self._painter = Painter(canvas, things=things, shades=shades)
 
-    def draw(self, snapshot: Snapshot) -> Image:
-        """Return the image (H, W, 3) RGB."""
+    def draw(self, snapshot: Snapshot, *, shift_px: tuple[float, float] = (0.0, 0.0)) -> Image:
+        """Return the image (H, W, 3) RGB; its edges are smooth already, `shift_px` is idle."""
+        del shift_px
         data = self._data
         data.qpos[:] = snapshot.qpos
         mujoco.mj_kinematics(self._model, data)
