@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from spatial.errors import InputError, MissingError, StateError
-from wire.bus import Qos, Sample, Subscription
+from wire.bus import Bus, Qos, Sample, Subscription
 from wire.hub import Hub, new_truth_password
 from wire.zenoh_bus import ZenohBus
 from wire.zenoh_session import split_endpoint
@@ -114,7 +114,7 @@ def shake_hands(*buses: ZenohBus) -> None:
         subscription.close()
 
 
-def send_image_until_seen(bus: ZenohBus, images: Subscription, payload: bytes) -> Sample:
+def send_image_until_seen(bus: Bus, images: Subscription, payload: bytes) -> Sample:
     """Images are repeated by nature; the first ones may fall while their session opens."""
     end = time.monotonic() + 10.0
     while not images.wait(0.1):
@@ -356,7 +356,7 @@ def test_stopped_image_reader_stops_no_pose(free_endpoint: str) -> None:
         assert received, "the other image reader starves"
 
 
-def watch_poses(bus: ZenohBus, poses: Subscription, *, count: int) -> list[float]:
+def watch_poses(bus: Bus, poses: Subscription, *, count: int) -> list[float]:
     """Publish poses at 100 Hz and return the ages [s] of those that arrive."""
     ages: list[float] = []
     sent: list[float] = []
