@@ -7,8 +7,9 @@ calls the rest: a tracker's state is immutable and only its `observe` replaces i
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -20,7 +21,7 @@ from scene.site import Site
 from spatial.camera import PinholeCamera
 from spatial.errors import InputError, MessageError, StampError, unknown
 from spatial.marker import MarkedObject
-from spatial.samples import ImageSample, JointSample, MotionSample
+from spatial.samples import CalibrationSample, ImageSample, JointSample, MotionSample
 from spatial.stamp import NS_PER_S, StampedBuffer
 from spatial.tracked import PoseMeasurement, TrackedObject, TrackedObjects, TrackReport
 from tracking.motion import MotionHistory
@@ -36,6 +37,8 @@ from tracking.tracker import (
 JOINT_SPAN_NS = 2 * NS_PER_S
 JOINT_WAIT_NS = 30_000_000
 """Joints may be this much older than a motion sample; their velocity carries them on [ns]."""
+UNPAIRED = 512
+"""Motion samples that wait for their joints, at most."""
 
 
 @dataclass(slots=True, eq=False)
@@ -80,7 +83,7 @@ class Perception:
         self._joints: StampedBuffer[JointSample] = StampedBuffer(
             name="joints", span_ns=JOINT_SPAN_NS
         )
-        self.waiting = 0
+        self._unpaired: deque[MotionSample] = deque(maxlen=UNPAIRED)
         self.cameras: dict[str, CameraTracker] = {}
         for name, camera in site.cameras.items():
             objects = tuple(marked_objects(site, database, camera=name))
@@ -101,22 +104,37 @@ class Perception:
                 else CarriedCamera(robot=robot, vio=site.cameras[site.vio_camera], carried=camera),
             )
 
+    @property
+    def has_motion(self) -> bool:
+        """Whether odometry ever came."""
+        return self.cameras[self._site.vio_camera].motion.newest is not None
+
+    @property
+    def unpaired(self) -> int:
+        """Odometry samples that still wait for joints of their instant."""
+        return len(self._unpaired)
+
+    def put_calibration(self, sample: CalibrationSample) -> None:
+        """Take the intrinsics a camera tells of itself; they replace the site file's.
+
+        Raises:
+            InputError: a camera the site does not have.
+        """
+        tracker = self._tracker(sample.camera)
+        if tracker.model.camera != sample.intrinsics:
+            tracker.model = replace(tracker.model, camera=sample.intrinsics)
+
     def put_joints(self, sample: JointSample) -> None:
-        """Store a joint sample."""
+        """Store a joint sample; odometry that waited for it moves the carried cameras."""
         self._joints.put(sample.stamp_ns, sample)
+        self._pair()
 
     def put_motion(self, sample: MotionSample) -> None:
         """Store an odometry sample, and what it means for the cameras the robot carries."""
-        for tracker in self.cameras.values():
-            if tracker.carried is None:
-                tracker.motion.put(sample)
-                continue
-            try:
-                joints = self._joints_at(sample.stamp_ns)
-            except StampError:
-                self.waiting += 1
-                continue
-            tracker.motion.put(tracker.carried.motion(sample, joints))
+        self.cameras[self._site.vio_camera].motion.put(sample)
+        if len(self.cameras) > 1:
+            self._unpaired.append(sample)
+            self._pair()
 
     def observe(
         self, image: ImageSample
@@ -127,29 +145,58 @@ class Perception:
             MessageError: an image that does not decode, or of another size than calibrated.
             InputError: a camera the site does not have.
         """
-        if image.camera not in self.cameras:
-            raise InputError(unknown("camera", image.camera, self.cameras))
-        tracker = self.cameras[image.camera]
-        gray = decode_gray(image, tracker.model.camera)
-        tracker.state, measurements, reports = observe(
-            tracker.model, tracker.state, gray, tracker.motion
-        )
+        tracker = self._tracker(image.camera)
+        model = tracker.model
+        gray = decode_gray(image, model.camera)
+        tracker.state, measurements, reports = observe(model, tracker.state, gray, tracker.motion)
         return measurements, reports
 
     def predict(self) -> TrackedObjects | None:
-        """Return all objects at the newest motion sample; `None` before the first one."""
+        """Return all objects at the newest motion sample.
+
+        Where no motion ever came, at the newest image; `None` before the first of either.
+        """
         newest = self.cameras[self._site.vio_camera].motion.newest
-        if newest is None:
-            return None
+        if newest is not None:
+            return self._predict(newest.stamp_ns)
+        images_ns = max(tracker.state.image_ns for tracker in self.cameras.values())
+        return self._predict(images_ns) if images_ns else None
+
+    def _predict(self, instant_ns: int) -> TrackedObjects:
         objects: dict[str, TrackedObject] = {}
         for tracker in self.cameras.values():
-            if tracker.model.objects and tracker.motion.newest is not None:
-                tracked = predict(
-                    tracker.model, tracker.state, tracker.motion, now_ns=newest.stamp_ns
-                )
-                objects.update((item.slug, item) for item in tracked.objects)
+            if not tracker.model.objects:
+                continue
+            to_ns, newest = instant_ns, tracker.motion.newest
+            if newest is not None:  # beyond the horizon a pose is held, not carried
+                to_ns = min(to_ns, newest.stamp_ns + tracker.model.limits.horizon_ns)
+            tracked = predict(
+                tracker.model, tracker.state, tracker.motion, now_ns=instant_ns, to_ns=to_ns
+            )
+            objects.update((item.slug, item) for item in tracked.objects)
         ordered = [objects[o.slug] for o in self._site.objects if o.slug in objects]
-        return TrackedObjects(stamp_ns=newest.stamp_ns, objects=tuple(ordered))
+        return TrackedObjects(stamp_ns=instant_ns, objects=tuple(ordered))
+
+    def _tracker(self, camera: str) -> CameraTracker:
+        if camera not in self.cameras:
+            raise InputError(unknown("camera", camera, self.cameras))
+        return self.cameras[camera]
+
+    def _pair(self) -> None:
+        """Move the carried cameras by every odometry sample whose joints are known."""
+        while self._unpaired:
+            motion = self._unpaired[0]
+            try:
+                joints = self._joints_at(motion.stamp_ns)
+            except StampError as error:
+                held = error.available_ns
+                if held is None or motion.stamp_ns > held[1]:
+                    return  # its joints are still to come
+            else:
+                for tracker in self.cameras.values():
+                    if tracker.carried is not None:
+                        tracker.motion.put(tracker.carried.motion(motion, joints))
+            self._unpaired.popleft()
 
     def _joints_at(self, stamp_ns: int) -> JointSample:
         newest = self._joints.newest
@@ -185,8 +232,10 @@ def decode_gray(image: ImageSample, camera: PinholeCamera) -> GrayImage:
     Raises:
         MessageError: it does not decode, or its size is not the calibration's.
     """
-    data = np.frombuffer(image.jpeg, dtype=np.uint8)
-    pixels = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE) if data.size else None
+    try:
+        pixels = cv2.imdecode(np.frombuffer(image.jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error:  # what it raises for nothing at all, and for sizes beyond reason
+        pixels = None
     if pixels is None:
         raise MessageError(f"image of camera {image.camera!r} is not a JPEG")
     if pixels.shape != (camera.height, camera.width):
