@@ -20,6 +20,7 @@ import click
 from app.perception import Perception
 from app.processes.config import SiteConfig
 from app.processes.site import staging_of
+from app.recorded import ABOUT
 from app.report import say
 from app.stepped import SteppedTracker
 from sim.lockstep import LockstepSite
@@ -32,8 +33,6 @@ from wire.codec import Encoded, encode
 from wire.memory_bus import MemoryBus
 from wire.recorder import Recorder
 
-ABOUT = "lockstep.json"
-"""Attachment that says how a recording was made."""
 SITE_FILE = "site.toml"
 """Attachment with the site file."""
 SLICE_S = 0.1

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.truth import T_cam_object_of, TruthSample, blend
+from sim.truth import T_cam_object_of, TruthSample, blend, decode_truth
 from spatial.errors import StampError
 from spatial.frames import Cam, Object
 from spatial.pose import Pose
@@ -191,6 +191,7 @@ class ObjectErrors:
         count = self.whole.count
         axes = [math.sqrt(a / count) if count else None for a in self.axes.tolist()]
         return {
+            "samples": count,
             "state_s": {name: round(s, 3) for name, s in self.state_s.items()},
             "seen_ms": self.seen.figures(),
             "predicted_ms": self.predicted.figures(),
@@ -220,6 +221,14 @@ class Metrics:
         """Take true poses; tracked samples that waited for them are weighed."""
         self._truth.put(sample.stamp_ns, sample)
         self._settle()
+
+    def hear_truth(self, payload: bytes) -> None:
+        """Take true poses as they are on the bus and in a recording.
+
+        Raises:
+            MessageError: bytes that are no true poses.
+        """
+        self.put_truth(decode_truth(payload))
 
     def put_tracked(self, tracked: TrackedObjects, *, arrival_ns: int | None = None) -> None:
         """Take a tracker's sample.
