@@ -35,6 +35,8 @@ def tell(event: str, **fields: Any) -> None:
 def run(config_type: type[C], main: Callable[[C, threading.Event], None]) -> None:
     """Read the configuration, run `main(config, stop)` and end the process with its exit code."""
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s", stream=sys.stderr)
+    for chatty in ("OpenGL", "app.gate.connections"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
     config = msgspec.json.decode(sys.stdin.readline(), type=config_type)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -212,14 +212,13 @@ class LiveChannel:
         developed = self._rooms[shot.camera].develop(shot.jpeg, variant)
         if developed is None:
             return None
-        jpeg, width, height = developed
-        meta: dict[str, Any] = {"width": width, "height": height}
+        c = developed.camera
+        meta: dict[str, Any] = {"width": c.width, "height": c.height}
         if variant is Variant.OVERLAY:
-            c = self._cameras[shot.camera]
             meta["K"] = [c.fx, c.fy, c.cx, c.cy]
             if shot.T_base_cam is not None and shot.T_base_cam.is_finite():
                 meta["T_base_cam"] = shot.T_base_cam.matrix.ravel().tolist()
-        return VideoFrame(shot.camera, shot.number, shot.stamp_ns, jpeg, meta, variant)
+        return VideoFrame(shot.camera, shot.number, shot.stamp_ns, developed.jpeg, meta, variant)
 
 
 def _deliver(tab: _Tab, frame: VideoFrame) -> None:

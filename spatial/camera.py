@@ -63,6 +63,19 @@ class PinholeCamera:
         """Return the same camera without distortion, as an undistorted image has it."""
         return PinholeCamera(self.width, self.height, self.fx, self.fy, self.cx, self.cy)
 
+    def scaled(self, width: int, height: int) -> PinholeCamera:
+        """Return the camera of the same image resized to other pixels (pixel areas scale)."""
+        sx, sy = width / self.width, height / self.height
+        return PinholeCamera(
+            width,
+            height,
+            self.fx * sx,
+            self.fy * sy,
+            (self.cx + 0.5) * sx - 0.5,
+            (self.cy + 0.5) * sy - 0.5,
+            self.distortion,
+        )
+
     def project(self, points_cam: ArrayLike) -> Array:
         """Return pixels (..., 2) of points (..., 3) [m] in the camera frame, z > 0."""
         p = np.asarray(points_cam, dtype=np.float64)

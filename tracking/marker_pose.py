@@ -18,9 +18,10 @@ from spatial.errors import InputError
 from spatial.frames import Cam, Tag
 from spatial.marker import UNIT_CORNERS
 from spatial.pose import Pose
-from spatial.rotation import exp_so3
+from spatial.rotation import Array, exp_so3
 
 _FRONT_M = 1e-3
+_NUDGE_PX = np.array([[1e-3, 0.0], [0.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,12 +54,23 @@ def planar_poses(
             f"and {size_m}"
         )
     straight = camera.normalise(corners) * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    found = _solve(straight, size_m=size_m, camera=camera)
+    if not found:
+        # Exactly frontal, OpenCV loses the half turn about x: a millipixel brings it back.
+        found = _solve(straight + _NUDGE_PX, size_m=size_m, camera=camera)
+    return tuple(sorted(found, key=lambda p: p.reprojection_px))
+
+
+def _solve(straight: Array, *, size_m: float, camera: PinholeCamera) -> list[PlanarPose]:
+    """Return the solutions whose printed face looks at the camera."""
     _, turns, shifts, errors = cv2.solvePnPGeneric(
         size_m * UNIT_CORNERS, straight, camera.K, None, flags=cv2.SOLVEPNP_IPPE_SQUARE
     )
-    found = [
-        PlanarPose(Pose.of(exp_so3(np.ravel(turn)), np.ravel(shift)), float(np.ravel(error)[0]))
-        for turn, shift, error in zip(turns, shifts, errors, strict=True)
-        if float(np.ravel(shift)[2]) > _FRONT_M and np.isfinite(turn).all()
-    ]
-    return tuple(sorted(found, key=lambda p: p.reprojection_px))
+    solutions = []
+    for turn, shift, error in zip(turns, shifts, errors, strict=True):
+        rotation, translation = exp_so3(np.ravel(turn)), np.ravel(shift)
+        in_front = float(translation[2]) > _FRONT_M and np.isfinite(turn).all()
+        if in_front and float(rotation[:, 2] @ translation) < 0.0:
+            pose: Pose[Cam, Tag] = Pose.of(rotation, translation)
+            solutions.append(PlanarPose(pose, float(np.ravel(error)[0])))
+    return solutions

@@ -300,6 +300,24 @@ def test_an_image_of_another_size_than_the_camera_is_refused() -> None:
     assert Darkroom(BENT).develop(jpeg(BENT), Variant.HALF) is not None
 
 
+def test_an_image_within_the_videos_budget_passes_untouched() -> None:
+    small = BENT.scaled(BENT.width // 2, BENT.height // 2)
+    printed = Darkroom(BENT).develop(jpeg(small), Variant.HALF)
+    assert printed is not None
+    assert printed.jpeg == jpeg(small)
+    assert (printed.camera.width, printed.camera.height) == (small.width, small.height)
+
+
+def test_intrinsics_of_an_overlay_are_those_of_its_pixels() -> None:
+    small = BENT.scaled(BENT.width // 2, BENT.height // 2)
+    printed = Darkroom(BENT).develop(jpeg(small), Variant.OVERLAY)
+    assert printed is not None
+    ray = np.array([0.1, -0.05, 1.0])
+    whole = BENT.undistorted().project(ray)
+    np.testing.assert_allclose(2.0 * (printed.camera.project(ray) + 0.5) - 0.5, whole, atol=1e-9)
+    assert not any(printed.camera.distortion)
+
+
 def test_unknown_cameras_and_nan_are_refused_where_they_are_offered(
     station: tuple[LiveChannel, ViserPort],
 ) -> None:

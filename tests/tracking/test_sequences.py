@@ -11,7 +11,7 @@ import pytest
 from spatial.tracked import TrackState
 
 if TYPE_CHECKING:
-    from conftest import Run, Theatre
+    from tests.tracking.theatre import Run, Theatre
 
     Make = Callable[..., Theatre]
 

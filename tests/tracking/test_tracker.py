@@ -19,7 +19,7 @@ from tracking.motion import MotionHistory
 from tracking.tracker import initial_state, observe, predict
 
 if TYPE_CHECKING:
-    from conftest import Theatre
+    from tests.tracking.theatre import Theatre
 
 MS = 1_000_000
 SURE = Evidence(
