@@ -91,8 +91,9 @@ class Station:
 
         self._inlets = [
             inlet(keys.joints, _then(decode_joints, builder.put_joints)),
-            inlet(keys.vio, _then(decode_motion, builder.put_motion)),
-            inlet(keys.tracked, _then(decode_tracked, builder.put_tracked)),
+            # The newest of these says all that the ones before it said.
+            inlet(keys.vio, _then(decode_motion, builder.put_motion), capacity=1),
+            inlet(keys.tracked, _then(decode_tracked, builder.put_tracked), capacity=1),
             inlet(keys.track_report, _then(decode_report, builder.put_report)),
             inlet(keys.all_health, _then(decode_health, self._hear), capacity=64),
             *(

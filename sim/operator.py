@@ -97,12 +97,12 @@ class Operator:
 
     def tick(self, now_ns: int) -> None:
         """Look, and command when it is time, at `now_ns` of the site's clock."""
-        for joints in self._heard(self._joints.take(), decode_joints):
-            self._builder.put_joints(joints)
-        for tracked in self._heard(self._tracked.take(), decode_tracked):
-            self._builder.put_tracked(tracked)
         if now_ns - self._last_ns < PERIOD_NS:
             return
+        for joints in self._heard(self._joints.take()[-1:], decode_joints):
+            self._builder.put_joints(joints)
+        for tracked in self._heard(self._tracked.take()[-1:], decode_tracked):
+            self._builder.put_tracked(tracked)
         scene = self._builder.build(now_ns)
         if scene.robot_ms is None:
             return

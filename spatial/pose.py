@@ -75,7 +75,7 @@ class Pose(Generic[A, B]):
             InputError: a value that is not finite, of the wrong length, or not of unit length.
         """
         t = np.asarray(translation, dtype=np.float64)
-        if t.shape != (3,) or not np.isfinite(t).all():
+        if t.shape != (3,) or not all(map(math.isfinite, t.tolist())):
             msg = f"translation {t.tolist()} is not three finite numbers in metres"
             raise InputError(msg)
         return cls.of(rotation_of(quaternion_wxyz), t)

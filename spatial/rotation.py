@@ -71,12 +71,12 @@ def rotation_of(quaternion_wxyz: ArrayLike) -> Array:
     Raises:
         InputError: not four finite numbers of unit length within `UNIT_TOLERANCE`.
     """
-    q = np.asarray(quaternion_wxyz, dtype=np.float64)
-    norm = float(np.linalg.norm(q)) if q.shape == (4,) else math.nan
+    values = np.asarray(quaternion_wxyz, dtype=np.float64).tolist()
+    norm = math.hypot(*values) if isinstance(values, list) and len(values) == 4 else math.nan
     if not abs(norm - 1.0) < UNIT_TOLERANCE:
-        msg = f"quaternion {q.tolist()} is not four numbers w, x, y, z of unit length"
+        msg = f"quaternion {values} is not four numbers w, x, y, z of unit length"
         raise InputError(msg)
-    w, x, y, z = (q / norm).tolist()
+    w, x, y, z = (value / norm for value in values)
     return np.array(
         [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

@@ -152,11 +152,14 @@ def vector(what: str, values: Iterable[float], size: int, *, limit: float = MAX_
     Raises:
         MessageError: another length, a number that is not finite or beyond the limit.
     """
-    array = np.array(list(values), dtype=np.float64)
-    if array.shape != (size,):
-        raise MessageError(f"{what} has {array.size} numbers, expected {size}")
-    if not (np.abs(array) <= limit).all():
-        raise MessageError(f"{what} {array.tolist()} is not finite within {limit:g}")
+    numbers = list(values)
+    if len(numbers) != size:
+        raise MessageError(f"{what} has {len(numbers)} numbers, expected {size}")
+    if numbers and (
+        not (min(numbers) >= -limit and max(numbers) <= limit) or math.isnan(math.fsum(numbers))
+    ):
+        raise MessageError(f"{what} {numbers} is not finite within {limit:g}")
+    array = np.array(numbers, dtype=np.float64)
     array.flags.writeable = False
     return array
 
