@@ -13,6 +13,7 @@ from app.processes.config import (
     HubConfig,
     MetricsConfig,
     OperatorConfig,
+    PlayerConfig,
     ProbeConfig,
     RecorderConfig,
     SiteConfig,
@@ -138,6 +139,12 @@ def start_recorder(
     )
     supervisor.start("recorder", "app.processes.recorder", config)
     supervisor.wait_event("recorder", "ready", timeout_s=READY_S)
+
+
+def start_player(supervisor: Supervisor, config: PlayerConfig) -> None:
+    """Start playing a recording."""
+    supervisor.start("player", "app.processes.player", config)
+    supervisor.wait_event("player", "ready", timeout_s=READY_S)
 
 
 def open_browser(url: str) -> bool:

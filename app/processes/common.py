@@ -53,8 +53,8 @@ class HealthVoice:
         self._clock = clock
         self._next_s = 0.0
 
-    def tick(self, values: Callable[[], dict[str, float]], *, worry: str = "") -> None:
-        """Publish when it is time; `values` is only called then."""
+    def tick(self, values: dict[str, float], *, worry: str = "") -> None:
+        """Publish figures, and a worry when there is one, as often as is due."""
         now_s = time.monotonic()
         if now_s < self._next_s:
             return
@@ -64,7 +64,7 @@ class HealthVoice:
             component=self._component,
             level="warning" if worry else "ok",
             text=worry,
-            values=values(),
+            values=values,
         )
         message = encode(sample)
         self._bus.publish(self._key, message.payload, schema=message.schema)

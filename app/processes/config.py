@@ -128,6 +128,8 @@ class RecorderConfig(msgspec.Struct, frozen=True, kw_only=True):
     """File to write."""
     with_truth: bool = False
     """Whether `truth/**` is recorded."""
+    topics: list[str] = msgspec.field(default_factory=lambda: ["**"])
+    """Expressions of the topics wanted."""
 
 
 class PlayerConfig(msgspec.Struct, frozen=True, kw_only=True):
@@ -145,3 +147,7 @@ class PlayerConfig(msgspec.Struct, frozen=True, kw_only=True):
     """Whether to begin again at the end."""
     paused: bool = False
     """Whether to wait for play."""
+    topics: list[str] = msgspec.field(default_factory=lambda: ["**"])
+    """Expressions of the topics wanted."""
+    remap: dict[str, str] = msgspec.field(default_factory=dict)
+    """New topics by recorded topic."""

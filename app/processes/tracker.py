@@ -111,7 +111,7 @@ def main(config: TrackerConfig, stop: threading.Event) -> None:
         child.tell("ready")
         while not stop.is_set():
             process.move()
-            voice.tick(process.figures)
+            voice.tick(process.figures())
 
 
 if __name__ == "__main__":

@@ -18,7 +18,6 @@ from app.time_source import TimeSource
 from app.viser_port import ViserPort
 from scene.builder import SceneBuilder
 from scene.database import Database
-from scene.mesh import load_mesh
 from scene.robot import Robot
 from scene.site import Site
 
@@ -34,7 +33,7 @@ def stage_look(site: Site, robot: Robot, database: Database) -> StageLook:
         objects=tuple(
             object_look(
                 entry.slug,
-                load_mesh(entry.mesh_path),
+                entry.mesh,
                 name=entry.name,
                 fixtures=entry.fixtures if site.fixtures else (),
             )
@@ -69,7 +68,7 @@ def main(config: ViewerConfig, stop: threading.Event) -> None:
         def tick() -> None:
             time_source.tick()
             station.tick()
-            voice.tick(lambda: {"tabs": float(port.clients), "refused": float(station.refused)})
+            voice.tick({"tabs": float(port.clients), "refused": float(station.refused)})
 
         pace(stop, rate_hz=config.rate_hz, tick=tick)
         station.close()
