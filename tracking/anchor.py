@@ -1,7 +1,7 @@
 """Fuse fixes into the pose of an object that stands still in its reference (w, or the camera).
 
     P = P + Q(dt),   d = log(inv(T) @ T_fix),   S = P + R
-    refused when d^T inv(S + F) d > GATE, accepted again after `CONFIRMED` refusals in a row
+    refused when d^T inv(S + F) d > GATE, accepted after `CONFIRMED` in a row that agree
     K = P inv(S),   T <- T exp(K d),   P <- (I - K) P
 
 F is what no covariance knows: errors of calibration, map and time. It widens the gate and every
@@ -25,7 +25,7 @@ from tracking.propagation import HELD, MOBILE, STATIC, UNMOVED, MotionNoise, gro
 GATE = 35.0
 """Largest squared Mahalanobis distance of a fix that is believed at once."""
 CONFIRMED = 3
-"""Refusals in a row after which the fixes are right and the anchor is wrong."""
+"""Refused fixes in a row, agreeing with each other, that are right where the anchor is wrong."""
 FLOOR_M, FLOOR_PER_M, FLOOR_RAD = 0.001, 0.001, 0.004
 """Error no covariance knows [m], [m per m of distance], [rad]."""
 _DIRECT_M, _DIRECT_RAD = 0.003, 0.02
@@ -73,6 +73,27 @@ def fused(
         or fix.stamp_ns <= anchor.stamp_ns
     ):
         return fix, ""
+    off, grown, away = _apart(anchor, fix, motion=motion, distance_m=distance_m, doubt_m2=doubt_m2)
+    spread = grown + fix.covariance
+    if away > GATE:
+        rival, refused = anchor.rival, 1
+        if rival is not None and rival.stamp_ns < fix.stamp_ns:
+            agrees = _apart(rival, fix, motion=motion, distance_m=distance_m)[2] <= GATE
+            refused = anchor.refused + 1 if agrees else 1
+        if refused < CONFIRMED:
+            why = f"{float(np.sqrt(away)):.0f} sigma from the prediction, waiting for another"
+            return replace(anchor, refused=refused, rival=fix), why
+        return fix, ""
+    gain = grown @ np.linalg.inv(spread)
+    covariance = (np.eye(6) - gain) @ grown
+    T_ref_object: Pose[W, Object] = anchor.T_ref_object @ Pose[Object, Object].exp(gain @ off)
+    return replace(fix, T_ref_object=T_ref_object, covariance=0.5 * (covariance + covariance.T)), ""
+
+
+def _apart(
+    anchor: Anchor, fix: Anchor, *, motion: str, distance_m: float, doubt_m2: float = 0.0
+) -> tuple[Array, Array, float]:
+    """Return the step to a later fix (6,), the anchor's covariance then, squared Mahalanobis."""
     grown = anchor.covariance + np.diag(
         growth(
             duration_ns=fix.stamp_ns - anchor.stamp_ns,
@@ -82,17 +103,8 @@ def fused(
         )
     )
     off = (anchor.T_ref_object.inverse() @ fix.T_ref_object).log()
-    spread = grown + fix.covariance
-    away = float(off @ np.linalg.solve(spread + np.diag(floor(distance_m)), off))
-    if away > GATE:
-        if anchor.refused + 1 < CONFIRMED:
-            why = f"{float(np.sqrt(away)):.0f} sigma from the prediction, waiting for another"
-            return replace(anchor, refused=anchor.refused + 1), why
-        return fix, ""
-    gain = grown @ np.linalg.inv(spread)
-    covariance = (np.eye(6) - gain) @ grown
-    T_ref_object: Pose[W, Object] = anchor.T_ref_object @ Pose[Object, Object].exp(gain @ off)
-    return replace(fix, T_ref_object=T_ref_object, covariance=0.5 * (covariance + covariance.T)), ""
+    spread = grown + fix.covariance + np.diag(floor(distance_m))
+    return off, grown, float(off @ np.linalg.solve(spread, off))
 
 
 def blended(before: Blend | None, *, off: Array, instant_ns: int, blend_ns: int) -> Blend | None:

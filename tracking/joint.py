@@ -8,6 +8,7 @@
 with c annealed from coarse to fine. Starts are both planar poses of every tag and the prediction.
 A prediction chooses between minima, by its Mahalanobis distance, and never pulls the result. The
 covariance is the inverse information matrix, scaled by the residuals when they exceed the noise.
+A pose that no tag fits is none: half hidden edges bend a lone tag into what no square can be.
 Four corners of a tag share one weight: a wrong entry in the marker map is wrong in all four.
 """
 
@@ -38,6 +39,8 @@ _WARM = (4.0, 2.0, *[1.0] * 6)
 _SOFT_PX = 0.3
 """Differences in fit below it are noise: there the prediction decides [px]."""
 _PRIOR_CAP = 40.0
+_WIDEST = 0.5
+"""Corner noise [px] up to which a noisier tag is given more room to fit."""
 _CLEAR_PX = 1.5
 """Three tags and a clear majority that fit the prediction's descent this well [px] settle it."""
 
@@ -211,7 +214,7 @@ def _descend(problem: _Problem, start: Array, schedule: tuple[float, ...]) -> Ar
 def _weights(problem: _Problem, residual: Array, scale_px: float) -> Array:
     """Return Geman-McClure weights (n,) of tags with residuals (n, 8) [px]."""
     square = (residual**2).sum(axis=1) / 4.0
-    limit = scale_px**2 + (3.0 * problem.sigma) ** 2
+    limit = scale_px**2 + (3.0 * np.minimum(problem.sigma, _WIDEST)) ** 2
     return np.asarray((limit / (limit + square)) ** 2)
 
 
@@ -228,6 +231,8 @@ def _cost(problem: _Problem, pose: Array, prior: Prior | None) -> float:
 def _solution(problem: _Problem, pose: Array, hypotheses: int) -> JointSolution | None:
     residual, jacobian = _linearised(problem, pose)
     weights = _weights(problem, residual, 1.0)
+    if not (weights >= REFUSED_WEIGHT).any():
+        return None
     scaled = jacobian * (weights / problem.sigma**2)[:, None, None]
     information = np.einsum("nij,nik->jk", scaled, jacobian)
     chi2 = float(((residual / problem.sigma[:, None]) ** 2 * weights[:, None]).sum())

@@ -168,7 +168,9 @@ class Anchor:
     reset_count: int
     """Of the odometry's world, at the last fix."""
     refused: int = 0
-    """Fixes in a row that contradicted it."""
+    """Fixes in a row that contradicted it and agreed with each other."""
+    rival: Anchor | None = None
+    """The last of them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

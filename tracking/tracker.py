@@ -230,7 +230,7 @@ def _updated(
 ) -> tuple[ObjectState, str]:
     """Return the state of an object after an image, and why there is no fix."""
     item = model.objects[index]
-    anchor, why = before.anchor, "no tag found"
+    anchor, why = before.anchor, "no tag fits a pose" if tags else "no tag found"
     if solution is not None:
         distance = float(np.linalg.norm(solution.T_cam_object.translation))
         raw = _fix_anchor(solution, stamp_ns, at_image, held=item.motion == "held")
@@ -329,6 +329,8 @@ def _report(
         tag, fits = sighting.tags[row], solution is not None and bool(solution.used[i])
         residual = 0.0 if solution is None else float(solution.residuals_px[i])
         why = "" if fits else f"contradicts the other tags by {residual:.1f} px"
+        if solution is None:
+            why = "not the corners of a square"
         uses.append(TagUse(tag.marker.family, tag.marker.id, tag.corners_px, fits, why, residual))
     for row in rows:
         if row in sighting.refused and row not in sighting.tags:
