@@ -63,9 +63,8 @@ class Judge:
     def serve(self, stop: Event) -> dict[str, Any]:
         """Compare until told to stop; return the figures."""
         while not stop.is_set():
-            self._tracked.wait(PAUSE_S)
             self.tick(self._clock.now_ns())
-            stop.wait(PAUSE_S / 10)
+            stop.wait(PAUSE_S)
         self.tick(self._clock.now_ns())
         return self.figures()
 

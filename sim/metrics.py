@@ -273,7 +273,9 @@ class Metrics:
         self._first_ns = self._first_ns or tracked.stamp_ns
         self._last_ns = tracked.stamp_ns
         for item in tracked.objects:
-            errors = self._objects.setdefault(item.slug, ObjectErrors())
+            errors = self._objects.get(item.slug)
+            if errors is None:
+                errors = self._objects[item.slug] = ObjectErrors()
             errors.put(item, truth=truth, arrival_ns=arrival_ns)
 
 

@@ -32,7 +32,9 @@ from wire.zenoh_session import Credentials, credentials_of, split_endpoint, unde
 
 log = logging.getLogger(__name__)
 
-SMALLEST_RING = 64
+RING = 1024
+"""Messages zenoh holds between two sweeps; in the mailbox the reader's capacity rules."""
+SWEEP_S = 0.1
 JOIN_S = 2.0
 
 
@@ -64,6 +66,8 @@ class ZenohBus:
         self._images: Dial | None = None
         self.unsent = 0
         self._dial = Dial(endpoint, credentials=credentials, opened=self._begin)
+        self._sweeper = Thread(target=self._sweep, name="zenoh-sweep", daemon=True)
+        self._sweeper.start()
         _open_buses.add(self)
 
     @classmethod
@@ -128,6 +132,7 @@ class ZenohBus:
         self._latches.close()
         for subscription in subscriptions:
             subscription.end()
+        self._sweeper.join(JOIN_S)
         _open_buses.discard(self)
 
     def __enter__(self) -> Self:
@@ -142,6 +147,14 @@ class ZenohBus:
     ) -> None:
         """Close."""
         self.close()
+
+    def _sweep(self) -> None:
+        """Empty the rings of readers that are late: only so is what they lose counted."""
+        while not self._closed.wait(SWEEP_S):
+            with self._lock:
+                subscriptions = list(self._subscriptions)
+            for subscription in subscriptions:
+                subscription.sweep()
 
     def _begin(self, session: zenoh.Session) -> None:
         with self._lock:
@@ -183,17 +196,23 @@ class ZenohBus:
 
 
 class _ZenohSubscription:
-    """A ring inside zenoh, a thread that empties it, a mailbox."""
+    """A ring inside zenoh and a mailbox.
+
+    Who only ever takes, takes from the ring: at hundreds of messages a second a thread that hands
+    over each of them costs more than the message. Who waits gets such a thread, from then on.
+    """
 
     def __init__(self, bus: ZenohBus, key_expr: str, *, capacity: int, latched: bool) -> None:
         self._bus = bus
         self._key_expr = key_expr
-        self._ring_size = max(capacity, SMALLEST_RING)
         self._box = Mailbox(capacity=capacity)
         self._filter = LatchFilter(latched=latched)
         self._latched = latched
         self._subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
         self._token: zenoh.LivelinessToken | None = None
+        self._ring: zenoh.handlers.Handler[zenoh.Sample] | None = None
+        self._pull = RLock()
+        self._waited = False
         self._thread: Thread | None = None
 
     @property
@@ -201,9 +220,19 @@ class _ZenohSubscription:
         return self._box.dropped
 
     def take(self) -> list[Sample]:
+        self.sweep()
         return self._box.take()
 
+    def sweep(self) -> None:
+        """Move what has come into the mailbox, unless a thread does."""
+        with self._pull:
+            if self._thread is None and self._ring is not None:
+                self._drain(self._ring)
+
     def wait(self, timeout_s: float) -> bool:
+        with self._pull:
+            self._waited = True
+            self._start_pump()
         return self._box.wait(timeout_s)
 
     def close(self) -> None:
@@ -216,12 +245,11 @@ class _ZenohSubscription:
 
     def declare(self, session: zenoh.Session) -> None:
         """Subscribe; after that the token asks publishers for what they keep."""
-        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(self._ring_size)
+        ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(RING)
         self._subscriber = session.declare_subscriber(self._key_expr, ring)
-        self._thread = Thread(
-            target=self._pump, args=(self._subscriber.handler,), name="zenoh-ring", daemon=True
-        )
-        self._thread.start()
+        with self._pull:
+            self._ring = self._subscriber.handler
+            self._start_pump()
         if self._latched:
             self._token = session.liveliness().declare_token(latch_token(self._key_expr))
 
@@ -231,16 +259,30 @@ class _ZenohSubscription:
         if self._thread is not None:
             self._thread.join(JOIN_S)
 
+    def _start_pump(self) -> None:
+        if self._waited and self._thread is None and self._ring is not None:
+            self._thread = Thread(
+                target=self._pump, args=(self._ring,), name="zenoh-ring", daemon=True
+            )
+            self._thread.start()
+
     def _pump(self, ring: zenoh.handlers.Handler[zenoh.Sample]) -> None:
         while True:
             try:
-                sample: zenoh.Sample | None = ring.recv()
-                while sample is not None:
-                    self._receive(sample)
-                    sample = ring.try_recv()
+                self._receive(ring.recv())
             except zenoh.ZError:  # how zenoh says that the subscription has ended
                 log.debug("subscription to %s ended", self._key_expr)
                 return
+            self._drain(ring)
+
+    def _drain(self, ring: zenoh.handlers.Handler[zenoh.Sample]) -> None:
+        try:
+            sample: zenoh.Sample | None = ring.try_recv()
+            while sample is not None:
+                self._receive(sample)
+                sample = ring.try_recv()
+        except zenoh.ZError:
+            log.debug("subscription to %s has ended", self._key_expr)
 
     def _receive(self, sample: zenoh.Sample) -> None:
         if sample.kind != zenoh.SampleKind.PUT:

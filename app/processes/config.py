@@ -97,7 +97,7 @@ class ViewerConfig(msgspec.Struct, frozen=True, kw_only=True):
     """Port to listen on; 0 takes any."""
     token: str | None = None
     """Shared secret of the page, kept over restarts."""
-    rate_hz: float = 45.0
+    rate_hz: float = 40.0
     """Scene states per second."""
     replay: bool = False
     """Whether the session is a recording."""

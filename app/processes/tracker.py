@@ -106,12 +106,18 @@ def main(config: TrackerConfig, stop: threading.Event) -> None:
     with connect(config.bus) as bus:
         process = TrackerProcess(bus, keys, perception)
         voice = HealthVoice(bus, keys, clock, component="tracker")
-        for camera in perception.cameras:
-            threading.Thread(target=process.watch, args=(camera, stop), daemon=True).start()
+        watchers = [
+            threading.Thread(target=process.watch, args=(camera, stop), daemon=True)
+            for camera in perception.cameras
+        ]
+        for watcher in watchers:
+            watcher.start()
         child.tell("ready")
         while not stop.is_set():
             process.move()
             voice.tick(process.figures())
+        for watcher in watchers:  # they publish: the bus stays open until they have ended
+            watcher.join()
 
 
 if __name__ == "__main__":
