@@ -126,7 +126,7 @@ class TrackerModel:
     """One of `METHODS`."""
     limits: Limits = field(default_factory=StandardLimits)
     """Limits of the states."""
-    search_ns: int = 200 * NS_PER_MS
+    search_ns: int = 400 * NS_PER_MS
     """Shortest time between two searches of the whole image [ns]."""
     blend_ns: int = 200 * NS_PER_MS
     """A visible correction is shown over this time [ns]."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 from dataclasses import replace
 
@@ -40,6 +41,9 @@ def staging_of(config: SiteConfig) -> Staging:
 
 def main(config: SiteConfig, stop: threading.Event) -> None:
     """Simulate until asked to stop."""
+    # The camera thread rasterises itself: helpers of the software renderer, which it would start
+    # at the first touch of the library, cost a fifth more and take the cores of the tracker.
+    os.environ.setdefault("LP_NUM_THREADS", "0")
     staging = staging_of(config)
     with connect(config.bus) as bus:
         site = LiveSite(bus, staging=staging, clock=site_clock(staging, SystemClock()))
