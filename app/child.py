@@ -7,6 +7,7 @@ the process to stop. Events go to standard output, one JSON object on a line.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
@@ -18,35 +19,55 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from spatial.errors import TelepresenceError
+from spatial.errors import InputError, MissingError, TelepresenceError
 
 C = TypeVar("C")
+log = logging.getLogger("process")
 
 GRACE_S = 3.0
 """A process that has not ended this long after it was asked to is ended hard."""
 
 
 def tell(event: str, **fields: Any) -> None:
-    """Report an event to the supervisor."""
-    sys.stdout.write(json.dumps({"event": event, **fields}) + "\n")
-    sys.stdout.flush()
+    """Report an event to the supervisor, if it is still there."""
+    with contextlib.suppress(BrokenPipeError):
+        sys.stdout.write(json.dumps({"event": event, **fields}) + "\n")
+        sys.stdout.flush()
 
 
 def run(config_type: type[C], main: Callable[[C, threading.Event], None]) -> None:
-    """Read the configuration, run `main(config, stop)` and end the process with its exit code."""
+    """Read the configuration, run `main(config, stop)` and end the process with its exit code.
+
+    The process ends without Python's own tidying up: what `main` opened it has closed, and a
+    thread still inside a native library would be torn out of it, which aborts the process.
+    """
     logging.basicConfig(level=logging.INFO, format="%(name)s: %(message)s", stream=sys.stderr)
     for chatty in ("OpenGL", "app.gate.connections"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
-    config = msgspec.json.decode(sys.stdin.readline(), type=config_type)
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
+    line = sys.stdin.readline()
+    if not line:  # the parent is gone already
+        return
+    config = msgspec.json.decode(line, type=config_type)
     threading.Thread(target=_watch_lifeline, args=(stop,), daemon=True).start()
+    code = _code_of(lambda: main(config, stop))
+    logging.shutdown()
+    os._exit(code)
+
+
+def _code_of(body: Callable[[], None]) -> int:
     try:
-        main(config, stop)
+        body()
     except TelepresenceError as error:
-        tell("failed", message=str(error), kind=type(error).__name__)
-        sys.exit(2)
+        bad_input = isinstance(error, InputError | MissingError)
+        tell("failed", message=str(error), bad_input=bad_input)
+        return 2
+    except Exception:
+        log.exception("unexpected")
+        return 1
+    return 0
 
 
 def _watch_lifeline(stop: threading.Event) -> None:

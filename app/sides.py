@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import secrets
 import socket
 import webbrowser
@@ -62,11 +63,18 @@ class Session:
         )
 
 
+def free_port(host: str) -> int:
+    """Return a port of an address that nobody listens on; any, where the address is not ours."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family) as probe_socket, contextlib.suppress(OSError):
+        probe_socket.bind((host, 0))
+        return int(probe_socket.getsockname()[1])
+    return 0
+
+
 def free_endpoint() -> str:
     """Return a loopback endpoint nobody listens on."""
-    with socket.socket() as probe_socket:
-        probe_socket.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe_socket.getsockname()[1]}"
+    return f"tcp/127.0.0.1:{free_port('127.0.0.1')}"
 
 
 def start_hub(supervisor: Supervisor, session: Session, *, dial: str | None = None) -> None:
@@ -108,7 +116,7 @@ def start_viewer(
         bus=bus,
         files=session.files,
         host=host,
-        port=port,
+        port=port or free_port(host),  # the same after a restart: tabs come back by themselves
         token=None if host in ("127.0.0.1", "localhost", "::1") else secrets.token_urlsafe(24),
         replay=replay is not None,
     )
@@ -120,11 +128,13 @@ def start_metrics(supervisor: Supervisor, session: Session) -> None:
     """Start the process that compares the tracker with the truth."""
     config = MetricsConfig(bus=session.truth_bus)
     supervisor.start("metrics", "app.processes.metrics", config, restart=False)
+    supervisor.wait_event("metrics", "ready", timeout_s=READY_S)
 
 
 def start_probe(supervisor: Supervisor, url: str) -> None:
     """Start a tab without a browser."""
     supervisor.start("probe", "app.processes.probe", ProbeConfig(url=url), restart=False)
+    supervisor.wait_event("probe", "ready", timeout_s=READY_S)
 
 
 def start_recorder(

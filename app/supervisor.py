@@ -17,7 +17,7 @@ from typing import IO, Any, Self
 import msgspec
 import psutil
 
-from spatial.errors import StateError
+from spatial.errors import InputError, StateError
 
 RESTART_AFTER_S = 0.5
 RESTARTS_PER_MINUTE = 5
@@ -54,6 +54,12 @@ class Child:
     """Processor time of the runs that have ended [s]."""
     given_up: bool = False
     """It died too often."""
+
+    @property
+    def gone(self) -> bool:
+        """Whether it has ended and will not come back."""
+        ended = self.ended_s is not None and time.monotonic() - self.ended_s > RESTART_AFTER_S
+        return self.given_up or (ended and not self.restart)
 
 
 class Supervisor:
@@ -94,6 +100,7 @@ class Supervisor:
         """Return the newest event of that kind a child told, waiting for it.
 
         Raises:
+            InputError: the child refused what it was given.
             StateError: the child failed, ended for good, or said nothing in time.
         """
         deadline = time.monotonic() + timeout_s
@@ -103,12 +110,13 @@ class Supervisor:
                     if source == name and told["event"] == event:
                         return told
                     if source == name and told["event"] == "failed":
-                        raise StateError(f"{name}: {told['message']}")
-                if self._children[name].given_up:
-                    raise StateError(f"{name} ended before it was {event}")
+                        kind = InputError if told["bad_input"] else StateError
+                        raise kind(f"{name}: {told['message']}")
+                if self._children[name].gone:
+                    raise StateError(f"{name} ended before it said {event!r}")
                 left = deadline - time.monotonic()
                 if left <= 0 or self._closing.is_set():
-                    raise StateError(f"{name} was not {event} within {timeout_s:g} s")
+                    raise StateError(f"{name} did not say {event!r} within {timeout_s:g} s")
                 self._changed.wait(min(left, 0.5))
 
     def wait_end(self, name: str, *, timeout_s: float) -> bool:
@@ -158,22 +166,25 @@ class Supervisor:
         self._closing.set()
         for child in self._children.values():
             self._account(child)
+        if self._watcher.is_alive():
+            self._watcher.join(timeout=2.0)  # or it might start one more
         self._end(list(reversed(self._children.values())))
-        self._watcher.join(timeout=2.0)
 
     def _end(self, children: list[Child]) -> None:
         running = [
-            c.process for c in children if c.process is not None and c.process.poll() is None
+            (c.name, c.process)
+            for c in children
+            if c.process is not None and c.process.poll() is None
         ]
-        for process in running:
+        for _, process in running:
             process.terminate()
             _close_input(process)
         deadline = time.monotonic() + STOP_GRACE_S
-        for process in running:
+        for name, process in running:
             try:
                 process.wait(max(0.0, deadline - time.monotonic()))
             except subprocess.TimeoutExpired:
-                log.warning("%s did not end in %g s and was killed", process.args, STOP_GRACE_S)
+                log.warning("%s did not end in %g s and was killed", name, STOP_GRACE_S)
                 process.kill()
                 process.wait()
 
@@ -183,6 +194,7 @@ class Supervisor:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
+            start_new_session=True,  # Ctrl-C is for the parent, which ends them in order
         )
         child.started_s = time.monotonic()
         child.starts.append(child.started_s)

@@ -18,7 +18,8 @@ def main(config: OperatorConfig, stop: threading.Event) -> None:
     keys = config.bus.keys
     with connect(config.bus) as bus:
         time_source = TimeSource(bus, keys, mode=site.clock_mode, replay=False)
-        threading.Thread(target=time_source.follow, args=(stop,), daemon=True).start()
+        follower = threading.Thread(target=time_source.follow, args=(stop,), daemon=True)
+        follower.start()
         child.tell("ready")
         run_operator(
             bus,
@@ -31,6 +32,7 @@ def main(config: OperatorConfig, stop: threading.Event) -> None:
             plan=load_scenario(config.scenario).operator,
             seed=config.seed,
         )
+        follower.join()  # it publishes: the bus stays open until it has ended
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ def main(config: ProbeConfig, stop: threading.Event) -> None:
     async def measure() -> None:
         ended = asyncio.Event()
         task = asyncio.create_task(probe.run(ended))
+        child.tell("ready")
         await asyncio.to_thread(stop.wait)
         ended.set()
         await task

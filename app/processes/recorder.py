@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import logging
 import threading
 from pathlib import Path
 
@@ -14,17 +16,21 @@ from wire.clock import SystemClock
 from wire.recorder import Recorder
 
 POLL_S = 0.1
+log = logging.getLogger("recorder")
 
 
 def main(config: RecorderConfig, stop: threading.Event) -> None:
     """Record until asked to stop."""
     site, _, database = load(config.files)
     clock, keys = SystemClock(), config.bus.keys
+    path = free_path(Path(config.path))
+    if path != Path(config.path):
+        log.warning("the recording goes on in %s", path)
     with (
         connect(config.bus) as bus,
         Recorder(
             bus,
-            Path(config.path),
+            path,
             keys=keys,
             clock=clock,
             with_truth=config.with_truth,
@@ -42,6 +48,12 @@ def main(config: RecorderConfig, stop: threading.Event) -> None:
             )
     final = recorder.status
     child.tell("figures", figures={"messages": final.messages, "dropped": final.dropped})
+
+
+def free_path(path: Path) -> Path:
+    """Return a path, or `NAME-2` and so on where a recorder that died has left its file."""
+    numbered = (path.with_stem(f"{path.stem}-{number}") for number in itertools.count(2))
+    return next(p for p in itertools.chain((path,), numbered) if not p.exists())
 
 
 def attach(recorder: Recorder, site: Site, database: Database) -> None:

@@ -15,7 +15,7 @@ import psutil
 import pytest
 
 from app.supervisor import Supervisor
-from spatial.errors import StateError
+from spatial.errors import InputError
 
 ROOT = Path(__file__).parents[2]
 PARENT = """
@@ -83,7 +83,7 @@ def test_a_killed_process_comes_back_and_all_end_together(module: str) -> None:
 def test_the_reason_of_a_failure_reaches_whoever_waits(module: str) -> None:
     with Supervisor() as supervisor:
         supervisor.start("one", module, Config(fail=True), restart=False)
-        with pytest.raises(StateError, match="one: a bad thing, expected a good one"):
+        with pytest.raises(InputError, match="one: a bad thing, expected a good one"):
             supervisor.wait_event("one", "ready", timeout_s=20)
 
 
