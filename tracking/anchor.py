@@ -1,7 +1,8 @@
 """Fuse fixes into the pose of an object that stands still in its reference (w, or the camera).
 
     P = P + Q(dt),   d = log(inv(T) @ T_fix),   S = P + R
-    refused when d^T inv(S + F) d > GATE, accepted after `CONFIRMED` in a row that agree
+    refused when d^T inv(S + F) d > GATE, accepted after `CONFIRMED` in a row that agree,
+    and where a lone tag says that something static has moved, not before `LONE_NS`
     K = P inv(S),   T <- T exp(K d),   P <- (I - K) P
 
 F is what no covariance knows: errors of calibration, map and time. It widens the gate and every
@@ -18,7 +19,7 @@ import numpy as np
 from spatial.frames import Object, W
 from spatial.pose import Pose
 from spatial.rotation import Array
-from spatial.stamp import nanoseconds
+from spatial.stamp import NS_PER_S, nanoseconds
 from tracking.model import Anchor, Blend
 from tracking.propagation import HELD, MOBILE, STATIC, UNMOVED, MotionNoise, growth
 
@@ -26,6 +27,8 @@ GATE = 35.0
 """Largest squared Mahalanobis distance of a fix that is believed at once."""
 CONFIRMED = 3
 """Refused fixes in a row, agreeing with each other, that are right where the anchor is wrong."""
+LONE_NS = NS_PER_S
+"""What covers a part of a lone tag's edge bends its pose alike in every image; it passes [ns]."""
 FLOOR_M, FLOOR_PER_M, FLOOR_RAD = 0.001, 0.001, 0.004
 """Error no covariance knows [m], [m per m of distance], [rad]."""
 _DIRECT_M, _DIRECT_RAD = 0.003, 0.02
@@ -56,6 +59,7 @@ def fused(
     motion: str,
     distance_m: float,
     doubt_m2: float = 0.0,
+    tags: int = 2,
 ) -> tuple[Anchor, str]:
     """Return the anchor after a fix, and why the fix was refused (empty when it was not).
 
@@ -65,6 +69,7 @@ def fused(
         motion: `static`, `held` or `mobile`.
         distance_m: camera to object [m].
         doubt_m2: variance that jumps of the odometry have added since the anchor's stamp.
+        tags: number of tags behind the fix.
     """
     if (
         anchor is None
@@ -76,14 +81,16 @@ def fused(
     off, grown, away = _apart(anchor, fix, motion=motion, distance_m=distance_m, doubt_m2=doubt_m2)
     spread = grown + fix.covariance
     if away > GATE:
-        rival, refused = anchor.rival, 1
-        if rival is not None and rival.stamp_ns < fix.stamp_ns:
-            agrees = _apart(rival, fix, motion=motion, distance_m=distance_m)[2] <= GATE
-            refused = anchor.refused + 1 if agrees else 1
-        if refused < CONFIRMED:
-            why = f"{float(np.sqrt(away)):.0f} sigma from the prediction, waiting for another"
-            return replace(anchor, refused=refused, rival=fix), why
-        return fix, ""
+        rival, refused = fix, 1
+        if anchor.rival is not None and anchor.rival.stamp_ns < fix.stamp_ns:
+            agreed = _apart(anchor.rival, fix, motion=motion, distance_m=distance_m)[2] <= GATE
+            if agreed:
+                rival, refused = anchor.rival, anchor.refused + 1
+        lone = motion == "static" and tags < 2
+        if refused >= CONFIRMED and not (lone and fix.stamp_ns - rival.stamp_ns < LONE_NS):
+            return fix, ""
+        why = f"{float(np.sqrt(away)):.0f} sigma from the prediction, waiting for another"
+        return replace(anchor, refused=refused, rival=rival), why
     gain = grown @ np.linalg.inv(spread)
     covariance = (np.eye(6) - gain) @ grown
     T_ref_object: Pose[W, Object] = anchor.T_ref_object @ Pose[Object, Object].exp(gain @ off)

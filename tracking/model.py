@@ -170,7 +170,7 @@ class Anchor:
     refused: int = 0
     """Fixes in a row that contradicted it and agreed with each other."""
     rival: Anchor | None = None
-    """The last of them."""
+    """The first of them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

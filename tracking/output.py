@@ -214,8 +214,8 @@ def _covariances(
 ) -> tuple[Array, Array]:
     """Return covariances (n, 6, 6) at the instant, and `lost_after_ns` before it."""
     count = len(poses)
-    base, grows = np.zeros((count, 6, 6)), np.zeros((count, 6))
-    ages, doubts = np.zeros(count), np.zeros(count)
+    base, doubts = np.zeros((count, 6, 6)), np.zeros(count)
+    grown, grown_before = np.zeros((count, 6)), np.zeros((count, 6))
     for i, (item, pose) in enumerate(zip(state.objects, poses, strict=True)):
         if pose is None or item.fix is None:
             base[i] = UNKNOWN
@@ -229,9 +229,10 @@ def _covariances(
         base[i][np.diag_indices(6)] += floor(distance)
         in_world = item.anchor is not None and item.anchor.in_world
         noise = noise_of(model.objects[i].motion, in_world=in_world)
-        rate = noise.walk_m**2 + (noise.walk_rad * distance) ** 2
-        grows[i] = [rate, rate, rate, *[noise.walk_rad**2 + noise.turn_rad**2] * 3]
-        ages[i] = max(seconds(instant_ns - since_ns), 0.0)
+        age = max(seconds(instant_ns - since_ns), 0.0)
+        earlier = max(age - seconds(model.limits.lost_after_ns), 0.0)
+        grown[i] = np.repeat(noise.variances(age, distance_m=distance), 3)
+        grown_before[i] = np.repeat(noise.variances(earlier, distance_m=distance), 3)
         doubts[i] = motion.doubt_m2(since_ns=since_ns)
         if not joint:
             base[i] += _extrapolated(instant_ns - item.fix.stamp_ns)
@@ -239,10 +240,9 @@ def _covariances(
             shown = item.blend.share(instant_ns) * item.blend.xi
             base[i] += np.outer(shown, shown)
     doubt = np.array([1.0, 1.0, 1.0, *[TURN_PER_DOUBT] * 3]) * doubts[:, None]
-    earlier = np.maximum(ages - seconds(model.limits.lost_after_ns), 0.0)
     diagonal = np.eye(6)
-    now = base + diagonal * (grows * ages[:, None] + doubt)[:, None]
-    return now, base + diagonal * (grows * earlier[:, None] + doubt)[:, None]
+    now = base + diagonal * (grown + doubt)[:, None]
+    return now, base + diagonal * (grown_before + doubt)[:, None]
 
 
 def _extrapolated(duration_ns: int) -> Array:

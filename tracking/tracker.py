@@ -236,7 +236,12 @@ def _updated(
         raw = _fix_anchor(solution, stamp_ns, at_image, held=item.motion == "held")
         doubt = 0.0 if anchor is None else motion.doubt_m2(since_ns=anchor.stamp_ns)
         anchor, why = fused(
-            anchor, fix=raw, motion=item.motion, distance_m=distance, doubt_m2=doubt
+            anchor,
+            fix=raw,
+            motion=item.motion,
+            distance_m=distance,
+            doubt_m2=doubt,
+            tags=int(solution.used.sum()),
         )
     after = replace(before, anchor=anchor)
     xi = np.zeros(6) if at_image is None else at_image.xi_w_cam_cam
