@@ -16,8 +16,9 @@ from scene.mesh import Material, MeshData, MeshPart
 from spatial.errors import InputError
 from spatial.pose import Pose
 from spatial.rotation import Array
-from spatial.solids import Box, Cylinder, Funnel, MeshSolid, Plane, Solid, Tube
+from spatial.solids import Box, Cylinder, Funnel, MeshSolid, Plane, Solid, Tube, gradient
 
+SNAP_STEPS = 6
 SEGMENTS = 64
 """Corners of a circle."""
 COLORS = {"inside": (98, 172, 232, 46), "forbidden": (232, 132, 98, 54)}
@@ -172,11 +173,17 @@ def _tube(line: Array, radius: float) -> Surface:
         side = side / np.linalg.norm(side)
         up = np.cross(tangent, side)
         rings.append(point + radius * (_circle() @ np.stack((side, up))))
-    return Surface(
-        np.concatenate(rings),
-        _strip(len(rings)),
-        np.concatenate([_loop(rings[0]), _loop(rings[-1])]),
-    )
+    # Where the line bends, rings lie off the wall that is felt: put them onto it.
+    drawn = _onto(Tube(line, radius), np.concatenate(rings))
+    first, last = drawn[:SEGMENTS], drawn[-SEGMENTS:]
+    return Surface(drawn, _strip(len(rings)), np.concatenate([_loop(first), _loop(last)]))
+
+
+def _onto(solid: Tube, points: Array) -> Array:
+    """Return points (n, 3) moved along the gradient of the distance until it is zero."""
+    for _ in range(SNAP_STEPS):
+        points = points - solid.signed_distance(points)[:, None] * gradient(solid, points)
+    return points
 
 
 def _circle() -> Array:

@@ -32,12 +32,10 @@ WITHIN_M = 1e-4
 def test_every_vertex_lies_on_the_wall(kind: str) -> None:
     solid = SOLIDS[kind]
     surface = surface_of(solid)
-    # A tube's line bends between its pieces: seen from outside, the elbow cuts the corner.
-    within = 2e-3 if kind == "tube" else WITHIN_M
-    assert np.abs(solid.signed_distance(surface.vertices)).max() < within
+    assert np.abs(solid.signed_distance(surface.vertices)).max() < WITHIN_M
     assert surface.faces.min() >= 0
     assert surface.faces.max() < len(surface.vertices)
-    assert np.abs(solid.signed_distance(surface.edges.reshape(-1, 3))).max() < within
+    assert np.abs(solid.signed_distance(surface.edges.reshape(-1, 3))).max() < WITHIN_M
 
 
 @pytest.mark.parametrize("kind", SOLIDS)
