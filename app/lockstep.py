@@ -19,6 +19,7 @@ import click
 
 from app.perception import Perception
 from app.processes.config import SiteConfig
+from app.processes.recorder import attach
 from app.processes.site import staging_of
 from app.recorded import ABOUT
 from app.report import say
@@ -33,8 +34,6 @@ from wire.codec import Encoded, encode
 from wire.memory_bus import MemoryBus
 from wire.recorder import Recorder
 
-SITE_FILE = "site.toml"
-"""Attachment with the site file."""
 SLICE_S = 0.1
 """The progress bar moves this often [s of the site]."""
 
@@ -66,9 +65,10 @@ class Tape:
         self._bus.publish(key, message.payload, schema=message.schema)
         self._recorder.tick()
 
-    def attach(self, name: str, text: str) -> None:
-        """Attach a file."""
-        self._recorder.attach(name, text.encode())
+    def describe(self, staging: Staging, about: str) -> None:
+        """Attach site, robot and objects as a live recording has them, and how it was made."""
+        attach(self._recorder, staging.site, staging.database)
+        self._recorder.attach(ABOUT, about.encode(), media_type="application/json")
 
     def __enter__(self) -> Self:
         """Return itself."""
@@ -182,8 +182,7 @@ def record_lockstep(
                 rates_hz=rates_hz,
             )
         )
-        tape.attach(SITE_FILE, staging.site.path.read_text(encoding="utf-8"))
-        tape.attach(ABOUT, _about(staging, method=method, renderer=site.renderer))
+        tape.describe(staging, _about(staging, method=method, renderer=site.renderer))
         _run(site, operator, duration_s=duration_s)
     say(f"telepresence: {duration_s:g} s recorded, drawn by {site.renderer}: {path}")
 
