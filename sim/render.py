@@ -30,6 +30,7 @@ from sim.lens import Lens, Sensor, expose
 from sim.picture import PaintedView
 from sim.plant import Plant, Snapshot
 from sim.scenery import LIVE_SHADE_GROUP, TRUE_SHADE_GROUP
+from sim.solids import SOLID_GROUP
 from spatial.camera import PinholeCamera
 from spatial.errors import InputError, MissingError, unknown
 
@@ -195,6 +196,7 @@ class ClassicView:
             self._context.free()
             raise MissingError(f"{backend} cannot draw here: {error}") from error
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, self._gl)
+        self._opengl = importlib.import_module("OpenGL.GL")  # bound to the context's backend
         self._shrink_depth()
         self._scene = mujoco.MjvScene(self._model, maxgeom=_SCENE_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = careful
@@ -203,7 +205,11 @@ class ClassicView:
         self._option.geomgroup[TRUE_SHADE_GROUP if careful else LIVE_SHADE_GROUP] = 1
         self._free_camera = mujoco.MjvCamera()
         self._rect = mujoco.MjrRect(0, 0, canvas.width, canvas.height)
-        self._rows = np.zeros((canvas.height, canvas.width, 3), np.uint8)
+        self._rows = np.zeros((canvas.height, canvas.width, 4), np.uint8)
+        self._careful = careful
+        self._sides = _sides_of(canvas)
+        self._groups = self._model.geom_group.copy()
+        self._reach = np.where(self._model.geom_rbound > 0.0, self._model.geom_rbound, np.inf)
 
     def draw(self, snapshot: Snapshot, *, shift_px: tuple[float, float] = (0.0, 0.0)) -> Image:
         """Return the image (H, W, 3) RGB, moved by a shift [px]."""
@@ -211,6 +217,8 @@ class ClassicView:
         data.qpos[:] = snapshot.qpos
         mujoco.mj_kinematics(self._model, data)
         mujoco.mj_camlight(self._model, data)
+        if not self._careful:  # a true shadow may come from outside the picture
+            self._hide_unseen()
         mujoco.mjv_updateScene(
             self._model,
             data,
@@ -223,8 +231,7 @@ class ClassicView:
         self._aim(shift_px)
         self._context.make_current()
         mujoco.mjr_render(self._rect, self._scene, self._gl)
-        mujoco.mjr_readPixels(self._rows, None, self._rect, self._gl)
-        return np.asarray(cv2.flip(self._rows, 0), dtype=np.uint8)
+        return self._read()
 
     def close(self) -> None:
         """Free the context; a second call does nothing."""
@@ -234,9 +241,26 @@ class ClassicView:
             self._gl = None
             self._context.free()
 
+    def _hide_unseen(self) -> None:
+        """Spare OpenGL what lies beyond a side of the picture: most of the robot, for its hand."""
+        data = self._data
+        R_w_cam = data.site_xmat[self._site].reshape(3, 3)
+        p_cam = (data.geom_xpos - data.site_xpos[self._site]) @ R_w_cam
+        unseen = (p_cam @ self._sides.T < -self._reach[:, None]).any(axis=1)
+        self._model.geom_group[:] = np.where(unseen, SOLID_GROUP, self._groups)
+
+    def _read(self) -> Image:
+        """Return the picture; read as it is stored, which takes a third of reading RGB."""
+        gl, rect = self._opengl, self._rect
+        gl.glBindFramebuffer(gl.GL_READ_FRAMEBUFFER, self._gl.offFBO)
+        gl.glReadPixels(
+            0, 0, rect.width, rect.height, gl.GL_RGBA, gl.GL_UNSIGNED_BYTE, array=self._rows
+        )
+        return np.asarray(cv2.flip(cv2.cvtColor(self._rows, cv2.COLOR_RGBA2RGB), 0), dtype=np.uint8)
+
     def _shrink_depth(self) -> None:
         """Make depth four bytes a pixel instead of eight: an eighth of the time of an image."""
-        gl = importlib.import_module("OpenGL.GL")  # bound to the backend the context has chosen
+        gl = self._opengl
         gl.glBindRenderbuffer(gl.GL_RENDERBUFFER, self._gl.offDepthStencil)
         gl.glRenderbufferStorage(
             gl.GL_RENDERBUFFER, gl.GL_DEPTH24_STENCIL8, self._canvas.width, self._canvas.height
@@ -256,3 +280,16 @@ class ClassicView:
             camera.frustum_center = NEAR_M * ((c.width - 1.0) / 2.0 - cx) / c.fx
             camera.frustum_top = NEAR_M * (cy + 0.5) / c.fy
             camera.frustum_bottom = -NEAR_M * (c.height - 0.5 - cy) / c.fy
+
+
+def _sides_of(c: PinholeCamera) -> np.ndarray:
+    """Return the inward normals (4, 3) of left, right, top and bottom of what a camera sees."""
+    normals = np.array(
+        [
+            (c.fx, 0.0, c.cx + 1.0),
+            (-c.fx, 0.0, c.width - c.cx),
+            (0.0, c.fy, c.cy + 1.0),
+            (0.0, -c.fy, c.height - c.cy),
+        ]
+    )
+    return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True), dtype=np.float64)
