@@ -23,6 +23,7 @@ from app.processes.config import (
     ViewerConfig,
 )
 from app.supervisor import Supervisor
+from spatial.errors import FileInputError
 from wire.hub import new_truth_password
 
 DEFAULT_PORT = 8080
@@ -149,6 +150,18 @@ def start_recorder(
     )
     supervisor.start("recorder", "app.processes.recorder", config)
     supervisor.wait_event("recorder", "ready", timeout_s=READY_S)
+
+
+def refuse_target(file: Path) -> None:
+    """Refuse a name no recording can be written under.
+
+    Raises:
+        FileInputError: it exists already, or its folder does not.
+    """
+    if file.exists():
+        raise FileInputError("the file exists already; choose another name for the recording", path=file)
+    if not file.absolute().parent.is_dir():
+        raise FileInputError("no such folder for the recording", path=file)
 
 
 def start_player(supervisor: Supervisor, config: PlayerConfig) -> None:

@@ -36,6 +36,8 @@ STREAMS = {
     "wrench": StreamDelay(3.0, 0.5),
 }
 """Streams with a delay of their own, and the delay where a scenario names none."""
+MAX_DELAY_MS = 10_000.0
+"""Longest delay that can be asked for [ms]: what waits is kept."""
 OPERATORS = ("pick", "idle")
 """Plans a scripted operator knows."""
 
@@ -167,8 +169,8 @@ def parse_delays(options: tuple[str, ...]) -> dict[str, float]:
             delay_ms = float(text)
         except ValueError:
             delay_ms = math.nan
-        if not 0.0 <= delay_ms < math.inf:
-            msg = f"a delay is STREAM=MS with milliseconds of at least 0, got {option!r}"
+        if not 0.0 <= delay_ms <= MAX_DELAY_MS:
+            msg = f"a delay is STREAM=MS with 0 to {MAX_DELAY_MS:g} milliseconds, got {option!r}"
             raise InputError(msg)
         delays[name] = delay_ms
     return delays

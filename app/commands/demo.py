@@ -16,7 +16,7 @@ from app.supervisor import Supervisor
 from scene.site import DEFAULT_SITE, load_site
 from sim.metrics import merge_display
 from sim.scenario import load_scenario
-from spatial.errors import InputError, StateError
+from spatial.errors import StateError
 
 METHODS = ("joint", "algorithm1", "multiart", "single")
 EXAMPLE = """Start the simulated site, the tracker and the viewer, and open the browser tab.
@@ -56,8 +56,8 @@ def command(
     """Run the command."""
     del track_at  # one machine: beside the cameras and at the station are the same place
     plan = load_scenario(scenario)
-    if record is not None and record.exists():
-        raise InputError(f"{record} exists already; choose another name for the recording")
+    if record is not None:
+        sides.refuse_target(record)
     session = sides.Session(
         site_path=DEFAULT_SITE,
         site_name=load_site(DEFAULT_SITE).name,

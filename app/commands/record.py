@@ -12,7 +12,6 @@ from app.processes.config import BusConfig, RecorderConfig, SiteFiles
 from app.report import say
 from app.supervisor import Supervisor
 from scene.site import DEFAULT_SITE, load_site
-from spatial.errors import InputError
 
 EXAMPLE = """Record a running session until Ctrl-C.
 
@@ -35,8 +34,7 @@ def command(
     max_duration: float | None,
 ) -> None:
     """Run the command."""
-    if file.exists():
-        raise InputError(f"{file} exists already; choose another name for the recording")
+    sides.refuse_target(file)
     config = RecorderConfig(
         bus=BusConfig(endpoint=connect, site=load_site(path).name),
         files=SiteFiles(site=str(path)),
