@@ -47,6 +47,7 @@ WINCH_S = 1.5
 """Time constant of the winches that bring the centre of mass under the hook [s]."""
 FAST_GAIN = 2.5
 """Air speed per speed of rocking wanted, found by measurement."""
+_SOFT = 1e-4 * np.eye(6)
 
 
 class ArmControl:
@@ -171,7 +172,7 @@ def _projected(torque: Array, jacobian: Array, mass: Array) -> Array:
     """Return the part of joint torques (n,) that does not move the tool: N torque."""
     per_mass = np.linalg.solve(mass, jacobian.T)
     core = jacobian @ per_mass
-    core[np.diag_indices(6)] += 1e-4  # a stretched arm has fewer than six directions
+    core += _SOFT  # a stretched arm has fewer than six directions
     return torque - jacobian.T @ np.linalg.solve(core, per_mass.T @ torque)
 
 
@@ -182,8 +183,8 @@ def _towards(now: Pose[Base, Tcp], goal: Pose[Base, Tcp], *, dt_s: float) -> Pos
     shift = goal.translation - now.translation
     turn = log_so3(goal.rotation @ now.rotation.T)
     far = max(
-        float(np.linalg.norm(shift)) / (TOOL_SPEED_M_S * dt_s),
-        float(np.linalg.norm(turn)) / (TOOL_TURN_RAD_S * dt_s),
+        _length(shift) / (TOOL_SPEED_M_S * dt_s),
+        _length(turn) / (TOOL_TURN_RAD_S * dt_s),
     )
     if far <= 1.0:
         return goal
@@ -191,5 +192,9 @@ def _towards(now: Pose[Base, Tcp], goal: Pose[Base, Tcp], *, dt_s: float) -> Pos
 
 
 def _bounded(vector: Array, longest: float) -> Array:
-    length = float(np.linalg.norm(vector))
+    length = _length(vector)
     return vector if length <= longest else vector * (longest / length)
+
+
+def _length(vector: Array) -> float:
+    return math.sqrt(float(vector @ vector))

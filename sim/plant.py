@@ -7,6 +7,7 @@ threads read `snapshot()` and `history()`, which hand out copies.
 from __future__ import annotations
 
 import hashlib
+import math
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ HISTORY = 32
 """Snapshots kept, one per step: what motion blur looks back on."""
 WRENCH_HZ = 80.0
 """Corner of the low pass a force-torque sensor has [Hz]."""
+_WRENCH_SHARE = 1.0 - math.exp(-2.0 * math.pi * WRENCH_HZ * TIMESTEP_S)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,7 +204,7 @@ class Plant:
     def _feel(self) -> None:
         """Filter the contact wrench on the tool."""
         data, site = self._data, self.site_model
-        total = np.zeros(6)
+        total: Array | float = 0.0
         if data.ncon or data.xfrc_applied[site.tool].any():
             mujoco.mj_rnePostConstraint(self._model, data)
             external = data.cfrc_ext[list(site.tool_bodies)].sum(axis=0)
@@ -210,8 +212,7 @@ class Plant:
             centre = data.subtree_com[self._model.body_rootid[site.tool]]
             torque = external[:3] + np.cross(centre - data.xpos[site.tool], external[3:])
             total = np.concatenate((external[3:] @ R_w_tcp, torque @ R_w_tcp))
-        share = 1.0 - np.exp(-2.0 * np.pi * WRENCH_HZ * TIMESTEP_S)
-        self._wrench += share * (total - self._wrench)
+        self._wrench += _WRENCH_SHARE * (total - self._wrench)
 
     def _remember(self) -> None:
         qpos = self._data.qpos.copy()

@@ -35,6 +35,7 @@ C = TypeVar("C", bound=Frame)
 
 ROTATION_TOLERANCE = 1e-4
 """A matrix from outside may be this far from orthonormal; it is projected."""
+_IDENTITY = np.eye(4)
 _BOTTOM = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -57,7 +58,7 @@ class Pose(Generic[A, B]):
     @classmethod
     def of(cls, rotation: ArrayLike, translation: ArrayLike) -> Pose[A, B]:
         """Return the pose with rotation matrix (3, 3) and translation (3,) [m], both valid."""
-        matrix = np.eye(4)
+        matrix = _IDENTITY.copy()
         matrix[:3, :3] = rotation
         matrix[:3, 3] = translation
         return cls(matrix)
@@ -112,7 +113,7 @@ class Pose(Generic[A, B]):
 
     def inverse(self) -> Pose[B, A]:
         """Return the pose of A in B."""
-        matrix = np.eye(4)
+        matrix = _IDENTITY.copy()
         transposed = self._matrix[:3, :3].T
         matrix[:3, :3] = transposed
         matrix[:3, 3] = -(transposed @ self._matrix[:3, 3])

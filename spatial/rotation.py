@@ -29,40 +29,51 @@ def hat(phi: ArrayLike) -> Array:
 
 def exp_so3(phi: ArrayLike) -> Array:
     """Return the rotation matrix (3, 3) of a rotation vector (3,) [rad]."""
-    vector = np.asarray(phi, dtype=np.float64)
-    angle = math.sqrt(float(vector @ vector))
-    skew = hat(vector)
-    if angle < SMALL_ANGLE:
-        return np.eye(3) + skew + 0.5 * skew @ skew
-    a = math.sin(angle) / angle
-    b = (1.0 - math.cos(angle)) / (angle * angle)
-    return np.eye(3) + a * skew + b * skew @ skew
+    x, y, z = np.asarray(phi, dtype=np.float64).tolist()
+    angle = math.sqrt(x * x + y * y + z * z)
+    a, b = 1.0, 0.5
+    if angle >= SMALL_ANGLE:
+        a = math.sin(angle) / angle
+        b = (1.0 - math.cos(angle)) / (angle * angle)
+    return np.array(
+        [
+            [1.0 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, 1.0 - b * (x * x + z * z), b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, 1.0 - b * (x * x + y * y)],
+        ]
+    )
 
 
 def log_so3(rotation: ArrayLike) -> Array:
     """Return the rotation vector (3,) [rad], of norm at most pi, of a rotation matrix (3, 3)."""
-    w, x, y, z = quaternion_wxyz_of(rotation).tolist()
+    w, x, y, z = _quaternion(rotation)
     norm = math.sqrt(x * x + y * y + z * z)
-    if norm < SMALL_ANGLE:
-        return 2.0 * np.array([x, y, z])
-    angle = 2.0 * math.atan2(norm, w)
-    return (angle / norm) * np.array([x, y, z])
+    scale = 2.0 if norm < SMALL_ANGLE else 2.0 * math.atan2(norm, w) / norm
+    return np.array([scale * x, scale * y, scale * z])
 
 
 def quaternion_wxyz_of(rotation: ArrayLike) -> Array:
     """Return the unit quaternion (4,), wxyz, w >= 0, of a rotation matrix (3, 3)."""
+    return np.array(_quaternion(rotation))
+
+
+def _quaternion(rotation: ArrayLike) -> tuple[float, float, float, float]:
+    """Return w, x, y, z; in plain numbers, because arrays of four cost more than the sums."""
     (a, b, c), (d, e, f), (g, h, i) = np.asarray(rotation, dtype=np.float64).tolist()
-    squares = (1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i)
-    largest = squares.index(max(squares))
-    candidates = (
-        (squares[0], h - f, c - g, d - b),
-        (h - f, squares[1], b + d, c + g),
-        (c - g, b + d, squares[2], f + h),
-        (d - b, c + g, f + h, squares[3]),
-    )
-    q = np.array(candidates[largest])
-    q /= math.sqrt(float(q @ q))
-    return q if q[0] >= 0 else -q
+    ww, xx, yy, zz = 1 + a + e + i, 1 + a - e - i, 1 - a + e - i, 1 - a - e + i
+    largest = max(ww, xx, yy, zz)
+    if ww == largest:
+        w, x, y, z = ww, h - f, c - g, d - b
+    elif xx == largest:
+        w, x, y, z = h - f, xx, b + d, c + g
+    elif yy == largest:
+        w, x, y, z = c - g, b + d, yy, f + h
+    else:
+        w, x, y, z = d - b, c + g, f + h, zz
+    length = math.sqrt(w * w + x * x + y * y + z * z)
+    if w < 0.0:
+        length = -length
+    return w / length, x / length, y / length, z / length
 
 
 def rotation_of(quaternion_wxyz: ArrayLike) -> Array:

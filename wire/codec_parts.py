@@ -17,7 +17,7 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from spatial.errors import InputError, MessageError
 from spatial.frames import Frame
 from spatial.pose import Pose
-from spatial.rotation import Array
+from spatial.rotation import UNIT_TOLERANCE, Array
 from spatial.stamp import NS_PER_S
 
 MAX_MESSAGE_BYTES = 16 * 1024 * 1024
@@ -182,6 +182,18 @@ def pose_of(what: str, numbers: Iterable[float]) -> Pose[A, B]:
         return Pose.parse(checked[:3], checked[3:])
     except InputError as error:
         raise MessageError(f"{what}: {error}") from error
+
+
+def unit_wxyz(numbers: Array) -> Array:
+    """Return a quaternion (4,), wxyz, of exactly unit length with w >= 0.
+
+    Raises:
+        MessageError: it is not of unit length.
+    """
+    length = math.hypot(*numbers.tolist())
+    if not abs(length - 1.0) < UNIT_TOLERANCE:
+        raise MessageError(f"quaternion {numbers.tolist()} is not of unit length")
+    return numbers / (length if numbers[0] >= 0.0 else -length)
 
 
 def put_foxglove_pose(translation: _Translation, rotation: _Quaternion, pose: Pose[A, B]) -> None:

@@ -31,6 +31,7 @@ from wire.codec_parts import (
     parse,
     pose_numbers,
     pose_of,
+    unit_wxyz,
     vector,
 )
 from wire.generated.telepresence.v1 import telepresence_pb2 as pb
@@ -243,8 +244,8 @@ def decode_named_poses(payload: bytes) -> tuple[int, dict[str, tuple[Array, Arra
     checked_count("poses", len(message.poses))
     poses: dict[str, tuple[Array, Array]] = {}
     for entry in message.poses:
-        pose: Pose[Cam, Object] = pose_of("named pose", entry.pose)
-        poses[checked_name("pose name", entry.name)] = (pose.translation, pose.quaternion_wxyz)
+        numbers = vector("named pose", entry.pose, 7)
+        poses[checked_name("pose name", entry.name)] = (numbers[:3], unit_wxyz(numbers[3:]))
     if len(poses) < len(message.poses):
         raise MessageError(f"poses {list(poses)[:20]}, expected distinct names")
     return checked_stamp(message.stamp_ns), poses
