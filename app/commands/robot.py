@@ -39,7 +39,7 @@ def command(
     """Run the command."""
     if more and not joints:
         raise InputError(f"unexpected argument {more[0]!r}; joint values follow --joints")
-    folders = {name: Path(folder) for name, folder in map(_pair, packages)}
+    folders = {name: _folder(name, folder) for name, folder in map(_pair, packages)}
     robot = load_robot(urdf, packages=folders)
     values = {name: _number(name, text) for name, text in map(_pair, (*joints, *more))}
     warnings = list(robot.warnings) + check_joints(robot, values)
@@ -95,6 +95,12 @@ def _pair(text: str) -> tuple[str, str]:
     if not equals or not name or not value:
         raise InputError(f"expected NAME=VALUE, got {text!r}")
     return name, value
+
+
+def _folder(package: str, text: str) -> Path:
+    if not Path(text).is_dir():
+        raise InputError(f"package {package}: expected a folder, got {text!r}")
+    return Path(text)
 
 
 def _number(name: str, text: str) -> float:

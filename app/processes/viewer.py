@@ -47,6 +47,8 @@ def main(config: ViewerConfig, stop: threading.Event) -> None:
     """Run until asked to stop."""
     sys.setswitchinterval(SWITCH_S)
     site, robot, database = load(config.files)
+    for warning in robot.warnings:
+        log.warning("%s (%s)", warning, site.robot)
     keys = config.bus.keys
     live = LiveChannel({name: camera.intrinsics for name, camera in site.cameras.items()})
     settings = GateSettings(host=config.host, port=config.port, token=config.token)

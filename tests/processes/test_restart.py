@@ -1,0 +1,97 @@
+"""A running demo loses a process, or hears garbage, and its page goes on."""
+
+from __future__ import annotations
+
+import random
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+
+from tests.processes.running import Running, Watch, eventually
+from wire.codec import decode_health
+from wire.keys import Keys
+from wire.zenoh_bus import ZenohBus
+
+pytestmark = [pytest.mark.processes, pytest.mark.timeout(240)]
+
+BACK_S = 3.0
+"""The promise on a machine that is not busy otherwise."""
+BUSY = 6.0
+"""Tests run on machines that are: this much longer is no failure."""
+
+
+@pytest.fixture(scope="module")
+def demo() -> Iterator[Running]:
+    with Running("demo", "--no-browser", "--port", "0") as running:
+        running.wait_said(r"http://\S+")
+        yield running
+        assert running.end() < 5.0
+    assert running.complaints() == []
+
+
+@pytest.fixture(scope="module")
+def watch(demo: Running) -> Iterator[Watch]:
+    with Watch(demo.wait_said(r"http://\S+")) as watching:
+        watching.all_back(0.0)
+        yield watching
+
+
+@pytest.mark.parametrize("name", ["tracker", "viewer", "operator", "site", "hub"])
+def test_a_process_that_is_killed_is_back_in_the_picture(
+    demo: Running, watch: Watch, name: str, record_property: Callable[[str, object], None]
+) -> None:
+    old = demo.children()[name]
+    others = {n: child.pid for n, child in demo.children().items() if n != name}
+    old.kill()
+    old.wait(timeout=10)
+    assert eventually(lambda: demo.children().get(name, old) != old, within_s=15)
+    started_s = time.monotonic()
+    after_s = watch.all_back(started_s)
+    record_property(f"{name}_back_s", after_s)
+    assert max(after_s.values()) < BACK_S * BUSY
+    now = {n: child.pid for n, child in demo.children().items() if n != name}
+    assert now == others  # nobody else had to be started again
+    assert watch.statuses[-1][1]["link"] == "ok"
+
+
+def test_garbage_on_every_key_is_counted_and_dropped(demo: Running, watch: Watch) -> None:
+    endpoint = hub_of(demo)
+    keys, noise = Keys(), random.Random(1)
+    with ZenohBus.connect(endpoint) as bus:
+        healths = {name: bus.subscribe(keys.health(name), capacity=8) for name in REFUSING}
+        assert bus.wait_connected(10.0)
+        begun_s = time.monotonic()
+        refused = dict.fromkeys(REFUSING, 0.0)
+
+        def spread() -> bool:
+            for key in targets(keys):
+                bus.publish(key, noise.randbytes(noise.randrange(200)), schema="foxglove.Odometry")
+            for name, subscription in healths.items():
+                for sample in subscription.take():
+                    refused[name] = decode_health(sample.payload).values["refused"]
+            return all(count >= 20 for count in refused.values())
+
+        assert eventually(spread, within_s=30), refused
+    after_s = watch.all_back(begun_s + 1.0)  # in the midst of it
+    assert max(after_s.values()) < BACK_S * BUSY
+    assert {"tracker", "viewer", "site", "hub"} <= set(demo.children())
+    assert not demo.said("tracker ended|viewer ended") or demo.complaints() == []
+
+
+REFUSING = ("tracker", "viewer")
+
+
+def targets(keys: Keys) -> list[str]:
+    """Return every key that somebody reads."""
+    cameras = [way(name) for way in (keys.image, keys.video) for name in ("hc", "mako")]
+    plain = [keys.vio, keys.joints, keys.wrench, keys.tracked, keys.track_report, keys.clock]
+    return [*cameras, *plain, keys.health("x"), keys.command("tool"), keys.command("stop")]
+
+
+def hub_of(demo: Running) -> str:
+    """Return the endpoint the hub listens on."""
+    (port,) = {
+        c.laddr.port for c in demo.children()["hub"].net_connections("tcp") if c.status == "LISTEN"
+    }
+    return f"tcp/127.0.0.1:{port}"
