@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from app.__main__ import main
 from app.lockstep import record_lockstep
 from app.processes.config import BusConfig, SiteConfig, SiteFiles
 from scene.site import DEFAULT_SITE
@@ -116,3 +117,18 @@ def test_truth_stays_out_unless_it_is_asked_for(tmp_path: Path) -> None:
         assert not [topic for topic in held.topics if topic.startswith("truth")]
     with pytest.raises(FileInputError, match=r"exist.*blind\.mcap"):
         record_lockstep(config, path=path, duration_s=0.05, with_truth=False, rates_hz={})
+
+
+def test_the_command_records_and_prints_nothing_on_standard_output(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "site.mcap"
+    arguments = ["site", "--lock-step", "--record", str(path), "--duration", "0.1"]
+    assert main([*arguments, "--delay-ms", "vio=1"]) == 0
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert str(path) in said.err
+    with Recording(path) as held:
+        assert "sam/vio" in held.topics
+    assert main(arguments) == 2
+    assert "exist" in capsys.readouterr().err
