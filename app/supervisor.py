@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import os
 import subprocess
 import sys
 import threading
@@ -23,6 +24,8 @@ RESTART_AFTER_S = 0.5
 RESTARTS_PER_MINUTE = 5
 POLL_S = 0.05
 STOP_GRACE_S = 4.0
+ONE_THREAD = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1")
+"""Processes are what shares out the cores: pools of threads in each would only wait in line."""
 
 Event = dict[str, Any]
 log = logging.getLogger("supervisor")
@@ -194,6 +197,7 @@ class Supervisor:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
+            env=ONE_THREAD | os.environ,
             start_new_session=True,  # Ctrl-C is for the parent, which ends them in order
         )
         child.started_s = time.monotonic()

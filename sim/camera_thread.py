@@ -20,7 +20,7 @@ from sim.video import VideoEncoder, image_sample
 from spatial.samples import ImageSample
 from wire.codec import encode
 
-PATIENCE = 8
+PATIENCE = 4
 """After so many frames of the first camera in a row, a waiting other one has its turn."""
 _WAIT_S = 0.1
 

@@ -19,6 +19,7 @@ _CHUNK = re.compile(r"[A-Za-z0-9_.+-]+")
 _MAX_KEY = 512
 
 
+@lru_cache(maxsize=4096)
 def checked_key(key: str) -> str:
     """Return a key that is safe to publish on.
 
