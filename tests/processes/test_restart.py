@@ -37,10 +37,21 @@ def watch(demo: Running) -> Iterator[Watch]:
         yield watching
 
 
+@pytest.fixture(scope="module")
+def ears(demo: Running) -> Iterator[ZenohBus]:
+    with ZenohBus.connect(hub_of(demo)) as bus:
+        yield bus
+
+
 @pytest.mark.parametrize("name", ["tracker", "viewer", "operator", "site", "hub"])
 def test_a_process_that_is_killed_is_back_in_the_picture(
-    demo: Running, watch: Watch, name: str, record_property: Callable[[str, object], None]
+    demo: Running,
+    watch: Watch,
+    ears: ZenohBus,
+    name: str,
+    record_property: Callable[[str, object], None],
 ) -> None:
+    commands = ears.subscribe(Keys().all_commands, capacity=1)
     old = demo.children()[name]
     others = {n: child.pid for n, child in demo.children().items() if n != name}
     old.kill()
@@ -48,6 +59,9 @@ def test_a_process_that_is_killed_is_back_in_the_picture(
     assert eventually(lambda: demo.children().get(name, old) != old, within_s=15)
     started_s = time.monotonic()
     after_s = watch.all_back(started_s)
+    commands.take()
+    assert eventually(commands.take, within_s=BACK_S * BUSY)  # the operator's hand is there too
+    after_s["command"] = round(time.monotonic() - started_s, 2)
     record_property(f"{name}_back_s", after_s)
     assert max(after_s.values()) < BACK_S * BUSY
     now = {n: child.pid for n, child in demo.children().items() if n != name}
@@ -55,28 +69,27 @@ def test_a_process_that_is_killed_is_back_in_the_picture(
     assert watch.statuses[-1][1]["link"] == "ok"
 
 
-def test_garbage_on_every_key_is_counted_and_dropped(demo: Running, watch: Watch) -> None:
-    endpoint = hub_of(demo)
+def test_garbage_on_every_key_is_counted_and_dropped(
+    demo: Running, watch: Watch, ears: ZenohBus
+) -> None:
     keys, noise = Keys(), random.Random(1)
-    with ZenohBus.connect(endpoint) as bus:
-        healths = {name: bus.subscribe(keys.health(name), capacity=8) for name in REFUSING}
-        assert bus.wait_connected(10.0)
-        begun_s = time.monotonic()
-        refused = dict.fromkeys(REFUSING, 0.0)
+    healths = {name: ears.subscribe(keys.health(name), capacity=8) for name in REFUSING}
+    begun_s = time.monotonic()
+    refused = dict.fromkeys(REFUSING, 0.0)
 
-        def spread() -> bool:
-            for key in targets(keys):
-                bus.publish(key, noise.randbytes(noise.randrange(200)), schema="foxglove.Odometry")
-            for name, subscription in healths.items():
-                for sample in subscription.take():
-                    refused[name] = decode_health(sample.payload).values["refused"]
-            return all(count >= 20 for count in refused.values())
+    def spread() -> bool:
+        for key in targets(keys):
+            ears.publish(key, noise.randbytes(noise.randrange(200)), schema="foxglove.Odometry")
+        for name, subscription in healths.items():
+            for sample in subscription.take():
+                refused[name] = decode_health(sample.payload).values["refused"]
+        return all(count >= 20 for count in refused.values())
 
-        assert eventually(spread, within_s=30), refused
+    pids = {name: child.pid for name, child in demo.children().items()}
+    assert eventually(spread, within_s=30), refused
     after_s = watch.all_back(begun_s + 1.0)  # in the midst of it
     assert max(after_s.values()) < BACK_S * BUSY
-    assert {"tracker", "viewer", "site", "hub"} <= set(demo.children())
-    assert not demo.said("tracker ended|viewer ended") or demo.complaints() == []
+    assert {name: child.pid for name, child in demo.children().items()} == pids
 
 
 REFUSING = ("tracker", "viewer")
