@@ -50,6 +50,8 @@ GRID_PX = ((0.125, 0.375), (-0.375, 0.125), (0.375, -0.125), (-0.125, -0.375))
 """Shifts of sub-frames, in turn: their mean is zero, so nothing is moved."""
 SHADOW_PX = 1024
 """Size of the shadow map [px]."""
+LIVE_QUADS, LIVE_STACKS = 1, 4
+"""Pieces of a side of a box, and of the length of a cylinder, when live."""
 
 _SCENE_GEOMS = 2000
 _TYPICAL_DISTANCE_M = 0.6
@@ -184,6 +186,8 @@ class ClassicView:
         quality = self._model.vis.quality
         quality.offsamples = 0
         quality.shadowsize = SHADOW_PX if careful else 0
+        if not careful:  # what is lit by a far sun needs no grid to be lit on
+            quality.numquads, quality.numstacks = LIVE_QUADS, LIVE_STACKS
         offscreen = self._model.vis.global_
         offscreen.offwidth, offscreen.offheight = canvas.width, canvas.height
         self._context = open_context(
