@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import http.client
 import random
 import time
 from collections.abc import Callable, Iterator
+from http import HTTPStatus
+from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
+from app.sides import free_endpoint
 from tests.processes.running import Running, Watch, eventually
 from wire.codec import decode_health
 from wire.keys import Keys
@@ -67,6 +71,35 @@ def test_a_process_that_is_killed_is_back_in_the_picture(
     now = {n: child.pid for n, child in demo.children().items() if n != name}
     assert now == others  # nobody else had to be started again
     assert watch.statuses[-1][1]["link"] == "ok"
+
+
+def test_a_viewer_that_comes_back_has_its_port_and_its_token() -> None:
+    options = ("--host", "127.0.0.2", "--port", "0", "--listen", free_endpoint())
+    with Running("view", "--no-browser", *options) as view:
+        address = urlsplit(view.wait_said(r"http://\S+"))
+        assert parse_qs(address.query)["token"]
+        assert answer(address.netloc, f"/?{address.query}") == HTTPStatus.SEE_OTHER
+        old = view.children()["viewer"]
+        old.kill()
+        assert eventually(lambda: view.children().get("viewer", old) != old)
+        assert eventually(lambda: answer(address.netloc, "/") is not None)
+        assert answer(address.netloc, f"/?{address.query}") == HTTPStatus.SEE_OTHER
+        assert answer(address.netloc, "/?token=guess") == HTTPStatus.UNAUTHORIZED
+        assert answer(address.netloc, "/") == HTTPStatus.UNAUTHORIZED
+        assert view.end() < 5.0
+    assert view.complaints() == []
+
+
+def answer(host: str, path: str) -> int | None:
+    """Return the status of a page, `None` while nobody serves it."""
+    connection = http.client.HTTPConnection(host, timeout=10)
+    try:
+        connection.request("GET", path)
+        return connection.getresponse().status
+    except OSError:
+        return None
+    finally:
+        connection.close()
 
 
 def test_garbage_on_every_key_is_counted_and_dropped(
