@@ -2,12 +2,18 @@
 
 A camera that exposes leaves a mark; the thread takes marks one by one, the camera on the tool
 first. A mark that is still there at the next exposure is a frame that this machine had no time
-for: it is skipped and counted, and the other cameras are the first to miss theirs.
+for: it is skipped and counted, and the other cameras are the first to miss theirs: one of them is
+drawn only where the first camera's next frame would still be done before the one after it,
+
+    now + 2 d <= last exposure + 2 / rate,   d: time the last picture took,
+
+or when it has waited for `PATIENCE` frames of the first.
 """
 
 from __future__ import annotations
 
 import threading
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
@@ -65,6 +71,9 @@ class CameraThread:
         self._change = threading.Condition()
         self._drawn: Counter[str] = Counter()
         self._in_a_row = 0
+        self._period_s = 1.0 / rates_hz[first]
+        self._exposed_s = 0.0  # when the first camera did last, on the monotonic clock
+        self._took_s = 0.0
         self.skipped: Counter[str] = Counter()
         self.renderer = ""
 
@@ -76,6 +85,8 @@ class CameraThread:
         with self._change:
             self.skipped.update(names & self._exposed)
             self._exposed |= names
+            if self._order[0] in names:
+                self._exposed_s = time.monotonic()
             self._change.notify()
 
     def run(self, ended: threading.Event) -> None:
@@ -105,19 +116,29 @@ class CameraThread:
         return rates
 
     def _next(self) -> str | None:
+        """Return the camera whose turn it is, `None` after a while without one."""
+        first = self._order[0]
         with self._change:
-            if not self._exposed:
+            others = [name for name in self._order[1:] if name in self._exposed]
+            late = self._in_a_row >= PATIENCE
+            if others and (late or (first not in self._exposed and self._has_time())):
+                name = others[0]
+            elif first in self._exposed:
+                name = first
+            else:
                 self._change.wait(_WAIT_S)
-            waiting = [name for name in self._order if name in self._exposed]
-            if not waiting:
                 return None
-            late = self._in_a_row >= PATIENCE and len(waiting) > 1
-            name = waiting[1] if late else waiting[0]
-            self._in_a_row = self._in_a_row + 1 if name == self._order[0] else 0
+            self._in_a_row = self._in_a_row + 1 if name == first else 0
             self._exposed.discard(name)
         return name
 
+    def _has_time(self) -> bool:
+        """Return whether another picture costs the first camera none."""
+        done_s = time.monotonic() + 2.0 * self._took_s
+        return done_s <= self._exposed_s + 2.0 * self._period_s
+
     def _draw(self, name: str, renderer: Renderer) -> None:
+        began_s = time.monotonic()
         picture = renderer.render()
         stamp_ns = self._stamp_of(renderer.time_s)
         keys = self._staging.keys
@@ -127,6 +148,7 @@ class CameraThread:
         self._put("video", keys.video(name), video)
         with self._change:
             self._drawn[name] += 1
+            self._took_s = time.monotonic() - began_s
 
     def _put(self, stream: str, key: str, image: ImageSample) -> None:
         message = encode(image)
