@@ -11,6 +11,7 @@ import contextlib
 import json
 import logging
 import os
+import select
 import signal
 import sys
 import threading
@@ -48,7 +49,7 @@ def run(config_type: type[C], main: Callable[[C, threading.Event], None]) -> Non
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
     line = sys.stdin.readline()
-    if not line:  # the parent is gone already
+    if select.select([sys.stdin], [], [], 0)[0]:  # nothing follows the line: the parent is gone
         return
     config = msgspec.json.decode(line, type=config_type)
     threading.Thread(target=_watch_lifeline, args=(stop,), daemon=True).start()

@@ -6,6 +6,7 @@ import json
 import re
 import signal
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -48,7 +49,9 @@ def info(capsys: pytest.CaptureFixture[str], path: Path) -> dict[str, Any]:
 
 
 def test_two_sides_find_each_other_again_and_a_session_is_recorded_and_replayed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    record_property: Callable[[str, object], None],
 ) -> None:
     file, endpoint = tmp_path / "session.mcap", free_endpoint()
     with Running("site", "--connect", endpoint) as site:  # before there is a station
@@ -80,6 +83,7 @@ def test_two_sides_find_each_other_again_and_a_session_is_recorded_and_replayed(
                 assert second.end(signal.SIGTERM) < 5.0
             assert view.end(signal.SIGINT) < 5.0
     assert view.complaints() == second.complaints() == []
+    record_property("shown_age_ms", {STANDARD_MS: standard_ms, DELAY_MS: delayed_ms})
     # Tighter is for a quiet machine: processing adds to both ages, and not equally.
     assert delayed_ms >= DELAY_MS - 30.0
     assert delayed_ms - standard_ms == pytest.approx(DELAY_MS - STANDARD_MS, abs=120.0)
