@@ -159,7 +159,9 @@ def refuse_target(file: Path) -> None:
         FileInputError: it exists already, or its folder does not.
     """
     if file.exists():
-        raise FileInputError("the file exists already; choose another name for the recording", path=file)
+        raise FileInputError(
+            "the file exists already; choose another name for the recording", path=file
+        )
     if not file.absolute().parent.is_dir():
         raise FileInputError("no such folder for the recording", path=file)
 
