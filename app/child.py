@@ -16,6 +16,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
@@ -25,6 +26,8 @@ from spatial.errors import InputError, MissingError, TelepresenceError
 C = TypeVar("C")
 log = logging.getLogger("process")
 
+NICE = 8
+"""How far a measuring process steps back."""
 GRACE_S = 3.0
 """A process that has not ended this long after it was asked to is ended hard."""
 
@@ -34,6 +37,14 @@ def tell(event: str, **fields: Any) -> None:
     with contextlib.suppress(BrokenPipeError):
         sys.stdout.write(json.dumps({"event": event, **fields}) + "\n")
         sys.stdout.flush()
+
+
+def give_way() -> None:
+    """Let everybody else go first: what measures must not slow what it measures."""
+    os.nice(NICE)
+    # Where sessions are scheduled as groups, only the niceness of the group counts.
+    with contextlib.suppress(OSError):
+        Path("/proc/self/autogroup").write_text(str(NICE), encoding="ascii")
 
 
 def run(config_type: type[C], main: Callable[[C, threading.Event], None]) -> None:

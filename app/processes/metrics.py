@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 
 from app import child
@@ -11,13 +10,10 @@ from app.processes.config import MetricsConfig
 from sim.judge import Judge
 from wire.clock import SystemClock
 
-NICE = 5
-"""Measuring gives way to what is measured."""
-
 
 def main(config: MetricsConfig, stop: threading.Event) -> None:
     """Compare until asked to stop, then tell the figures."""
-    os.nice(NICE)
+    child.give_way()
     clock = SystemClock()
     with connect(config.bus) as bus:
         judge = Judge(bus, keys=config.bus.keys, clock=clock)

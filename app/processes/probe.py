@@ -13,6 +13,7 @@ from wire.clock import SystemClock
 
 def main(config: ProbeConfig, stop: threading.Event) -> None:
     """Measure until asked to stop, then tell the figures."""
+    child.give_way()
     probe = Probe(config.url, clock=SystemClock())
 
     async def measure() -> None:
