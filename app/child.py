@@ -26,7 +26,7 @@ from spatial.errors import InputError, MissingError, TelepresenceError
 C = TypeVar("C")
 log = logging.getLogger("process")
 
-NICE = 8
+NICE = 4
 """How far a measuring process steps back."""
 GRACE_S = 3.0
 """A process that has not ended this long after it was asked to is ended hard."""

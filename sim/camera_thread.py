@@ -16,17 +16,18 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 
 from sim.outlet import Outlet
 from sim.plant import Plant
-from sim.render import Renderer
+from sim.render import Image, Renderer
 from sim.rig import Staging
 from sim.video import VideoEncoder, image_sample
 from spatial.samples import ImageSample
 from wire.codec import encode
 
-PATIENCE = 4
+PATIENCE = 5
 """After so many frames of the first camera in a row, a waiting other one has its turn."""
 _WAIT_S = 0.1
 
@@ -74,6 +75,7 @@ class CameraThread:
         self._period_s = 1.0 / rates_hz[first]
         self._exposed_s = 0.0  # when the first camera did last, on the monotonic clock
         self._took_s = 0.0
+        self._compressing: Future[None] | None = None
         self.skipped: Counter[str] = Counter()
         self.renderer = ""
 
@@ -102,11 +104,12 @@ class CameraThread:
                 )
                 for name in self._order
             }
+            encoder = stack.enter_context(ThreadPoolExecutor(1, thread_name_prefix="encoder"))
             self.renderer = next(iter(renderers.values())).backend
             while not ended.is_set():
                 name = self._next()
                 if name is not None:
-                    self._draw(name, renderers[name])
+                    self._draw(name, renderers[name], encoder)
 
     def rates(self, lasted_s: float) -> dict[str, float]:
         """Return frames per second [Hz] by camera since the last call, `lasted_s` [s] ago."""
@@ -137,18 +140,24 @@ class CameraThread:
         done_s = time.monotonic() + 2.0 * self._took_s
         return done_s <= self._exposed_s + 2.0 * self._period_s
 
-    def _draw(self, name: str, renderer: Renderer) -> None:
+    def _draw(self, name: str, renderer: Renderer, encoder: ThreadPoolExecutor) -> None:
+        """Draw a picture; it is compressed beside the drawing of the next one."""
         began_s = time.monotonic()
         picture = renderer.render()
         stamp_ns = self._stamp_of(renderer.time_s)
+        if self._compressing is not None:
+            self._compressing.result()
+        self._compressing = encoder.submit(self._hand_out, name, picture, stamp_ns)
+        with self._change:
+            self._drawn[name] += 1
+            self._took_s = time.monotonic() - began_s
+
+    def _hand_out(self, name: str, picture: Image, stamp_ns: int) -> None:
         keys = self._staging.keys
         image = image_sample(picture, camera=name, stamp_ns=stamp_ns)
         self._put("image", keys.image(name), image)
         video = self._videos[name].encode(picture, stamp_ns=stamp_ns)
         self._put("video", keys.video(name), video)
-        with self._change:
-            self._drawn[name] += 1
-            self._took_s = time.monotonic() - began_s
 
     def _put(self, stream: str, key: str, image: ImageSample) -> None:
         message = encode(image)

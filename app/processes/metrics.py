@@ -18,8 +18,7 @@ def main(config: MetricsConfig, stop: threading.Event) -> None:
     with connect(config.bus) as bus:
         judge = Judge(bus, keys=config.bus.keys, clock=clock)
         child.tell("ready")
-        figures = judge.serve(stop)
-    child.tell("figures", figures=figures)
+        child.tell("figures", figures=judge.serve(stop))
 
 
 if __name__ == "__main__":
