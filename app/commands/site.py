@@ -69,7 +69,13 @@ def command(
     if record is not None:
         from app.lockstep import record_lockstep  # noqa: PLC0415 - the live command needs none of it
 
-        record_lockstep(config, path=record, duration_s=duration or 60.0, with_truth=with_truth)
+        record_lockstep(
+            config,
+            path=record,
+            duration_s=duration or 60.0,
+            with_truth=with_truth,
+            method=method,
+        )
         return
     with Supervisor() as supervisor:
         sides.start_hub(supervisor, session, dial=connect)

@@ -15,7 +15,7 @@ from app.processes.config import TrackerConfig
 from spatial.errors import MessageError
 from wire.bus import Bus, Subscription
 from wire.clock import SystemClock
-from wire.codec import decode_image, decode_joints, decode_motion, encode
+from wire.codec import decode_calibration, decode_image, decode_joints, decode_motion, encode
 from wire.keys import Keys
 
 FIFO = 512
@@ -38,6 +38,10 @@ class TrackerProcess:
         self._perception = perception
         self._joints = bus.subscribe(keys.joints, capacity=FIFO)
         self._motion = bus.subscribe(keys.vio, capacity=FIFO)
+        self._calibrations = [
+            bus.subscribe(keys.calibration(name), capacity=4, latched=True)
+            for name in perception.cameras
+        ]
         self._images = {n: bus.subscribe(keys.image(n), capacity=1) for n in perception.cameras}
         self._refused = 0
         self._looked = dict.fromkeys(perception.cameras, 0)
@@ -51,7 +55,10 @@ class TrackerProcess:
                     self._look(camera, sample.payload)
 
     def move(self) -> None:
-        """Take joints and odometry; answer every odometry sample with all objects."""
+        """Take calibrations, joints and odometry; answer every odometry sample."""
+        for latched in self._calibrations:
+            for calibration in self._decoded(latched, decode_calibration):
+                self._perception.put_calibration(calibration)
         self._motion.wait(0.05)
         for joints in self._decoded(self._joints, decode_joints):
             self._perception.put_joints(joints)
