@@ -190,6 +190,9 @@ class Supervisor:
                 log.warning("%s did not end in %g s and was killed", name, STOP_GRACE_S)
                 process.kill()
                 process.wait()
+        for child in children:
+            if child.process is not None:
+                _close_input(child.process)  # also of those that ended by themselves
 
     def _launch(self, child: Child) -> None:
         child.process = subprocess.Popen(  # noqa: S603 - our own module, no shell

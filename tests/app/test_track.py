@@ -278,7 +278,7 @@ class Replay(ListeningBus):
     def __init__(self, bus: MemoryBus, played: Path, perception: TimedPerception) -> None:
         super().__init__(bus, lambda _key, _payload: None)
         self._memory, self._played, self._perception = bus, played, perception
-        self._left = 2 + len(perception.cameras)
+        self._left = 2 + 2 * len(perception.cameras)  # joints, motion; calibration, images
 
     def subscribe(self, key_expr: str, *, capacity: int, latched: bool = False) -> Subscription:
         subscription = super().subscribe(key_expr, capacity=capacity, latched=latched)
