@@ -69,7 +69,7 @@ def station() -> Iterator[Any]:
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BrowserContext]:
     if not Path(CHROMIUM).exists():
-        pytest.skip("needs Chromium: apt-get install chromium")
+        pytest.fail("the page is tested in Chromium: apt-get install chromium")
     with sync_playwright() as playwright:
         context = playwright.chromium.launch_persistent_context(
             tmp_path_factory.mktemp("profile"),
